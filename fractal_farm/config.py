@@ -1,0 +1,336 @@
+"""The configuration of a run: one frozen pydantic model (DESIGN section 2).
+
+`evolution` is the identity of a run: its canonical hash is `run_id`, and a run resumes only with the same.
+Every field has a default, a description and a range; unknown keys and values that are not offered yet are
+refused in one line. `RunConfig.from_yaml` reads a file and `section.field=value` overrides.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, Strict, ValidationError, model_validator
+
+from fractal_farm.errors import InputError
+from fractal_farm.genome_file import PhenotypeSection, genome_from, load_genomes, seed_rows
+from fractal_farm.ifs.genome import MAX_MAPS
+from fractal_farm.untrusted import Section, explain, override_value, read_yaml, shown
+
+__all__ = ["RunConfig", "load_genomes"]
+
+IDENTITY_VERSION = 1
+
+Probability = Annotated[float, Field(ge=0, le=1)]
+Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+Centre = Annotated[tuple[float, Positive], Strict(False)]
+Dimension = Annotated[float, Field(ge=0, le=10)]
+Rows = Annotated[tuple[Annotated[tuple[float, ...], Strict(False)], ...], Strict(False)]
+
+
+def _integer_keys(value: Any) -> Any:
+    """JSON has no integer keys: digits count as the number."""
+    if not isinstance(value, Mapping):
+        return value
+    return {
+        int(key) if isinstance(key, str) and key.isdecimal() else key: share for key, share in value.items()
+    }
+
+
+class LibraryConfig(Section):
+    """The library of parents of an island."""
+
+    size: int = Field(100, ge=2, le=1_000_000, description="designs in the library of an island")
+    growth: Literal["keep_best", "append"] = Field(
+        "keep_best",
+        description="keep_best: the best `size` stay; append: accepted offspring join, none leaves",
+    )
+    seeds: Annotated[tuple[Rows, ...], Strict(False)] = Field(
+        (),
+        description="first members: path of a genomes file beside the configuration, or a list of genomes",
+        json_schema_extra={"wording": "the path of a genomes file, or a list of genomes"},
+    )
+    map_counts: Annotated[
+        dict[Annotated[int, Field(ge=2, le=MAX_MAPS)], Probability], BeforeValidator(_integer_keys)
+    ] = Field(
+        {2: 0.5, 3: 0.5},
+        description="share of random genomes for each number of maps; the sum is 1",
+        json_schema_extra={"keys": f"numbers of maps from 2 to {MAX_MAPS}"},
+    )
+
+    @model_validator(mode="after")
+    def _shares_sum_to_one(self) -> LibraryConfig:
+        if abs(sum(self.map_counts.values()) - 1.0) > 1e-9:
+            raise ValueError(f"map_counts is {shown(self.map_counts)}; allowed: shares whose sum is 1")
+        if len(self.seeds) > self.size:
+            raise ValueError(f"{len(self.seeds)} seeds do not fit a library of size {self.size}; raise size")
+        return self
+
+
+class CrossoverConfig(Section):
+    """Crossover of two parents (eq 3.5)."""
+
+    probability: Probability = Field(0.75, description="share of offspring that are crossed")
+    kind: Literal["block"] = Field("block", description="block: the first rows and columns change places")
+
+
+class MutationConfig(Section):
+    """Mutation (eq 3.6)."""
+
+    probability: Probability = Field(0.5, description="of each allele")
+    sigma: float = Field(1.0, gt=0, le=10, description="standard deviation of what is added to an allele")
+
+
+class MigrationConfig(Section):
+    """Exchange between islands, by epoch numbers."""
+
+    topology: Literal["ring", "full", "random", "isolated"] = Field(
+        "ring", description="who receives from whom"
+    )
+    degree: int = Field(2, ge=1, le=1024, description="sources of an island in ring and random")
+    lag: int = Field(1, ge=1, le=100, description="epochs between departure and arrival")
+    emigrants: int = Field(5, ge=0, le=100_000, description="designs that leave an island after each epoch")
+    selection: Literal["best", "random"] = Field("best", description="which designs leave")
+    replacement: Literal["worst_if_better", "worst", "random"] = Field(
+        "worst_if_better", description="which member makes room for an arrival"
+    )
+
+
+class PhenotypeConfig(PhenotypeSection):
+    """How a genome becomes points."""
+
+    points: int = Field(5000, ge=500, le=200_000, description="points of a cloud for the fitness")
+
+
+class FitnessConfig(Section):
+    """The constants of eq 3.7; pairs are (centre, width) of a Gaussian term."""
+
+    amplitude: Positive = Field(1.493, description="height of the Gaussian")
+    baseline: float = Field(-0.5, description="added to the Gaussian; the sum is clipped to [0, 1]")
+    d0: Centre = Field((0.334, 0.840), description="of D0 / 3")
+    d2: Centre = Field((0.5, 0.698), description="of D2 / 3; the centre is calibrated, not read")
+    lle: Centre = Field((-0.057, 1.092), description="of the largest Lyapunov exponent, nats an iteration")
+
+
+class EvolutionConfig(Section):
+    """What decides the designs: the identity of a run."""
+
+    seed: int = Field(20261123, ge=0, le=2**63 - 1, description="of all random streams")
+    method: Literal["best", "paper", "random"] = Field(
+        "best",
+        description="best: a library of the best; paper: the paper's algorithm; random: no evolution",
+        json_schema_extra={"later": ["niches"]},
+    )
+    islands: int = Field(8, ge=1, le=1024, description="populations that evolve side by side")
+    generations_per_epoch: int = Field(5, ge=1, le=1000, description="generations between two exchanges")
+    library: LibraryConfig = LibraryConfig()
+    offspring: Annotated[int, Field(ge=1, le=1_000_000)] | None = Field(
+        256, description="candidates a generation; null if `accepted` is given"
+    )
+    accepted: Annotated[int, Field(ge=1, le=10_000)] | None = Field(
+        None, description="accepted offspring a generation, instead of `offspring` (the paper: 10)"
+    )
+    crossover: CrossoverConfig = CrossoverConfig()
+    mutation: MutationConfig = MutationConfig()
+    elimination: Probability = Field(0.6, description="offspring below this fitness are discarded")
+    qualified: Probability = Field(0.85, description="designs above this fitness qualify")
+    similarity_dimension: Annotated[tuple[Dimension, Dimension], Strict(False)] | None = Field(
+        (1.0, 3.0), description="range of the Moran dimension of candidates; null: any"
+    )
+    migration: MigrationConfig = MigrationConfig()
+    phenotype: PhenotypeConfig = PhenotypeConfig()
+    fitness: FitnessConfig = FitnessConfig()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _accepted_stands_instead_of_offspring(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and data.get("accepted") is not None and "offspring" not in data:
+            return {**data, "offspring": None}
+        return data
+
+    @model_validator(mode="after")
+    def _fields_agree(self) -> EvolutionConfig:
+        if (self.offspring is None) == (self.accepted is None):
+            both = "are both null" if self.offspring is None else f"are {self.offspring} and {self.accepted}"
+            raise ValueError(f"offspring and accepted {both}; give one of them and leave the other null")
+        if self.elimination > self.qualified:
+            raise ValueError(f"elimination {self.elimination} is above qualified {self.qualified}; lower it")
+        bounds = self.similarity_dimension
+        if bounds is not None and bounds[0] >= bounds[1]:
+            raise ValueError(
+                f"similarity_dimension is {shown(bounds)}; allowed: [low, high] with low below high"
+            )
+        if self.migration.emigrants > self.library.size:
+            raise ValueError(
+                f"migration.emigrants is {self.migration.emigrants}; "
+                f"allowed: up to library.size {self.library.size}"
+            )
+        for index, rows in enumerate(self.library.seeds, start=1):
+            genome_from(rows, self.phenotype.phenotype(), f"evolution.library.seeds: genome {index}")
+        return self
+
+
+class StopConfig(Section):
+    """When a run ends: whichever comes first; all null means when it is interrupted."""
+
+    epochs: Count | None = Field(None, description="epochs of every island")
+    hours: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
+        None, description="hours of wall-clock time"
+    )
+    evaluations: Count | None = Field(None, description="candidates evaluated")
+    qualified: Count | None = Field(None, description="qualified designs in the catalogue")
+    distinct: None = Field(None, description="distinct designs", json_schema_extra={"later": ["*"]})
+
+
+class ExecutionConfig(Section):
+    """Who works; it never changes the result."""
+
+    executor: Literal["ray", "serial"] = Field("ray", description="ray, or serial: in this process alone")
+    address: Annotated[str, Field(min_length=1)] | None = Field(
+        None, description="of a running Ray cluster; null: start Ray on this machine"
+    )
+    workers: Annotated[int, Field(ge=1, le=100_000)] | None = Field(None, description="cores; null: all")
+    batch_size: Annotated[int, Field(ge=1, le=1_000_000)] | None = Field(
+        None, description="candidates in a task; null: a generation of an island"
+    )
+
+    @model_validator(mode="after")
+    def _serial_has_no_address(self) -> ExecutionConfig:
+        if self.executor == "serial" and self.address is not None:
+            raise ValueError(f"address {self.address!r} needs executor ray; executor is serial")
+        return self
+
+
+class CatalogueConfig(Section):
+    """What is kept."""
+
+    keep: Literal["qualified", "accepted"] = Field(
+        "qualified",
+        description="which designs are published; fixed when the catalogue is made",
+        json_schema_extra={"later": ["distinct"]},
+    )
+    clouds: Literal["kept"] = Field("kept", description="which point clouds are stored")
+    durability: Literal["full", "process"] = Field(
+        "full", description="full: survives a power cut; process: survives a killed process"
+    )
+    min_free_gb: float = Field(
+        2.0, ge=0, le=1e6, description="the run ends before less disk than this is free"
+    )
+
+
+class SolidsConfig(Section):
+    """Which designs become meshes, and how."""
+
+    mesh: Literal["qualified"] = Field("qualified", description="which designs are meshed")
+    max: Annotated[int, Field(ge=0)] | None = Field(
+        200, description="meshes a run makes; null: every qualified design"
+    )
+    size_mm: float = Field(30.0, ge=1, le=1000, description="longest side of the finished solid, millimetres")
+    wall_mm: float = Field(0.8, gt=0, le=100, description="thinnest wall, millimetres")
+    formats: Annotated[tuple[Literal["glb", "stl", "ply"], ...], Strict(False), Field(min_length=1)] = Field(
+        ("glb", "stl"), description="files for each mesh"
+    )
+
+    @model_validator(mode="after")
+    def _wall_fits(self) -> SolidsConfig:
+        if self.wall_mm > self.size_mm / 2:
+            raise ValueError(
+                f"wall_mm {self.wall_mm} is more than half of size_mm {self.size_mm}; make it thinner"
+            )
+        if len(set(self.formats)) < len(self.formats):
+            raise ValueError(f"formats is {shown(self.formats)}; name each format once")
+        return self
+
+
+class RunConfig(Section):
+    """The configuration of a run."""
+
+    name: str = Field(
+        "run",
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+        description="of the run; names its directory",
+        json_schema_extra={"wording": "1 to 64 letters, digits, dots, dashes and underscores"},
+    )
+    evolution: EvolutionConfig = EvolutionConfig()
+    stop: StopConfig = StopConfig()
+    execution: ExecutionConfig = ExecutionConfig()
+    catalogue: CatalogueConfig = CatalogueConfig()
+    solids: SolidsConfig = SolidsConfig()
+
+    @classmethod
+    def from_yaml(cls, path: Path | str, overrides: Sequence[str] = ()) -> RunConfig:
+        """The configuration in a YAML file.
+
+        Args:
+            path: the file; paths in it are relative to its directory.
+            overrides: `section.field=value` with a YAML value; paths in them are relative to the
+                working directory.
+
+        Raises:
+            InputError: one line that names file (or override), key, value and what is allowed.
+        """
+        path = Path(path)
+        return cls._from(read_yaml(path), str(path), path.parent, overrides)
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], source: str = "configuration", overrides: Sequence[str] = ()
+    ) -> RunConfig:
+        """The configuration in a mapping, such as `to_dict` gives, also after a journey through JSON.
+
+        Raises:
+            InputError: as `from_yaml`, with `source` in place of the file.
+        """
+        return cls._from(values, source, Path(), overrides)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every field, as JSON has it; `from_dict` restores an equal configuration."""
+        return self.model_dump(mode="json")
+
+    @property
+    def run_id(self) -> str:
+        """16 hex digits: blake2b of the evolution section in canonical JSON (sorted keys, floats by repr)."""
+        identity = {"version": IDENTITY_VERSION, "evolution": self.evolution.model_dump(mode="json")}
+        text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.blake2b(text.encode(), digest_size=8, person=b"farm-run").hexdigest()
+
+    @classmethod
+    def _from(
+        cls, values: Mapping[str, Any], source: str, directory: Path, overrides: Sequence[str]
+    ) -> RunConfig:
+        tree = copy.deepcopy(dict(values))
+        changed = [override_value(tree, override) for override in overrides]
+        _load_seeds(tree, Path() if "evolution.library.seeds" in changed else directory)
+
+        def source_of(key: str) -> str:
+            if any(key == path or key.startswith(f"{path}.") for path in changed):
+                return "--set"
+            return f"{source} with --set" if any(path.startswith(f"{key}.") for path in changed) else source
+
+        try:
+            return cls.model_validate(tree)
+        except ValidationError as error:
+            raise InputError(explain(error, cls, source_of)) from None
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from None
+
+
+def _load_seeds(tree: Mapping[Any, Any], directory: Path) -> None:
+    """Replace the path of a genomes file by its rows, so that identity depends on content alone."""
+    evolution = tree.get("evolution")
+    library = evolution.get("library") if isinstance(evolution, Mapping) else None
+    if not isinstance(evolution, Mapping) or not isinstance(library, dict):
+        return
+    if isinstance(library.get("seeds"), str):
+        try:
+            phenotype = PhenotypeConfig.model_validate(evolution.get("phenotype", {})).phenotype()
+        except ValidationError:
+            return
+        library["seeds"] = seed_rows(directory / library["seeds"], phenotype)
+    elif "seeds" in library and library["seeds"] is None:
+        library["seeds"] = []
