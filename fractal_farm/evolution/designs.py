@@ -1,0 +1,70 @@
+"""Designs as rows of a structured array: the currency of libraries, migration and the catalogue.
+
+One row is one genome with its scores, birth place and lineage. Rows of a run share one dtype (`design_dtype`), so
+selecting, joining, sending and storing them are plain array operations.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Designs = npt.NDArray[Any]
+SCORE_FIELDS = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error")
+
+
+class Operator(enum.IntEnum):
+    """How a genome came to be."""
+
+    RANDOM = 0
+    SEED = 1
+    COPY = 2
+    CROSSOVER = 3
+    MUTATION = 4
+    CROSSOVER_MUTATION = 5
+
+
+def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
+    """The dtype of a run's design rows.
+
+    Args:
+        max_maps: largest number of maps of any genome in the run; fewer are padded with rows of 0.
+        row_length: numbers in a row of a genome (7, or 12 for the affine family).
+
+    Returns:
+        Structured dtype. `design_id` and `parents` are 32 hex digits as bytes (empty: no parent); `genes` is
+        (max_maps, row_length) float64; scores are float64; the birth place is island, epoch, generation, slot.
+    """
+    return np.dtype(
+        [
+            ("design_id", "S32"),
+            ("genes", "<f8", (max_maps, row_length)),
+            ("n_maps", "<i8"),
+            *((name, "<f8") for name in SCORE_FIELDS),
+            ("parents", "S32", (2,)),
+            ("operator", "u1"),
+            ("island", "<i4"),
+            ("epoch", "<i4"),
+            ("generation", "<i4"),
+            ("slot", "<i4"),
+        ]
+    )
+
+
+def total_order(designs: Designs) -> npt.NDArray[np.intp]:
+    """Indices that sort designs by (-fitness, island, generation, slot): the one order used for every decision."""
+    return np.lexsort((designs["slot"], designs["generation"], designs["island"], -designs["fitness"]))
+
+
+def without_repeats(designs: Designs, known: Designs) -> Designs:
+    """The designs whose identity is neither in `known` nor earlier in `designs`, in their order."""
+    seen = set(known["design_id"].tolist())
+    keep = []
+    for index, identity in enumerate(designs["design_id"].tolist()):
+        if identity not in seen:
+            seen.add(identity)
+            keep.append(index)
+    return designs[keep]

@@ -1,0 +1,303 @@
+"""One island for one epoch, as a pure function of its state, its inbox and the configuration (DESIGN section 4).
+
+`advance` is a generator: it yields blocks of candidates, is sent their scores, and returns the record of the epoch.
+Whoever drives it decides where candidates are evaluated; nothing that is decided here depends on that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.config import EvolutionConfig
+from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, design_dtype, total_order, without_repeats
+from fractal_farm.evolution.migration import emigrants, settle
+from fractal_farm.evolution.offspring import Brood, founders, max_maps, offspring
+from fractal_farm.ifs.genome import ROW_LENGTH, design_id
+
+ACCEPTED_BLOCK = 32
+ACCEPTED_BLOCKS_LIMIT = 1024
+
+
+class Candidates(NamedTuple):
+    """Genomes to evaluate: genes (B, M, K) float64, padded with 0, and n_maps (B,) int64."""
+
+    genes: npt.NDArray[np.float64]
+    n_maps: npt.NDArray[np.int64]
+
+
+class Scores(NamedTuple):
+    """Their scores: values (B, 6) float64 in the order of `SCORE_FIELDS`, refusals (B,) uint8 (`Refusal` codes)."""
+
+    values: npt.NDArray[np.float64]
+    refusals: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class GenerationStatistics:
+    """What happened in one generation of one island.
+
+    Attributes:
+        generation: its number; 0 is the founding of the library.
+        evaluated: candidates that were evaluated.
+        refused: candidates among them that got no score.
+        accepted: candidates that passed the elimination.
+        qualified: candidates above the threshold of qualified designs.
+        joined: candidates that entered the library.
+        mean_accepted: mean fitness of the accepted (0 if there are none).
+        best: highest fitness in the library afterwards.
+    """
+
+    generation: int
+    evaluated: int
+    refused: int
+    accepted: int
+    qualified: int
+    joined: int
+    mean_accepted: float
+    best: float
+
+
+@dataclass(frozen=True)
+class IslandState:
+    """An island after an epoch; epoch -1 is before it was founded, with an empty library."""
+
+    epoch: int
+    library: Designs
+
+
+@dataclass(frozen=True)
+class EpochRecord:
+    """Everything that an epoch of an island decided.
+
+    Attributes:
+        island: index of the island.
+        epoch: number of the epoch.
+        survivors: indices into the previous library, in the order in which they lead the new one.
+        entrants: rows that follow them; `library_after` puts the two together.
+        order: permutation that puts survivors and entrants into the library's order.
+        emigrants: indices into the new library of those whose copies leave.
+        born: rows that joined the library at some time of the epoch, in order of birth.
+        statistics: one entry a generation.
+        arrivals: (source island, number sent) for each source; `settled` of them found a place.
+        settled: number of arrivals that found a place.
+    """
+
+    island: int
+    epoch: int
+    survivors: npt.NDArray[np.int32]
+    entrants: Designs
+    order: npt.NDArray[np.int32]
+    emigrants: npt.NDArray[np.int32]
+    born: Designs
+    statistics: tuple[GenerationStatistics, ...]
+    arrivals: tuple[tuple[int, int], ...] = ()
+    settled: int = 0
+
+
+@dataclass
+class _Epoch:
+    """The working space of one epoch."""
+
+    library: Designs
+    born: list[Designs] = field(default_factory=list)
+    statistics: list[GenerationStatistics] = field(default_factory=list)
+
+
+def founding_state(config: EvolutionConfig) -> IslandState:
+    """The state of any island before its first epoch."""
+    dtype = design_dtype(max_maps(config), ROW_LENGTH[config.phenotype.family])
+    return IslandState(-1, np.zeros(0, dtype))
+
+
+def library_after(previous: Designs, record: EpochRecord) -> Designs:
+    """The library at the end of a record's epoch, from the one before it."""
+    return np.concatenate([previous[record.survivors], record.entrants])[record.order]
+
+
+def advance(
+    state: IslandState,
+    inbox: list[tuple[int, Designs]],
+    config: EvolutionConfig,
+    island: int,
+    epoch: int,
+) -> Generator[Candidates, Scores, EpochRecord]:
+    """Take an island through one epoch.
+
+    Args:
+        state: the island after epoch - 1.
+        inbox: (source island, emigrants) for each source, in index order.
+        config: the evolution section of the run's configuration.
+        island: index of the island.
+        epoch: number of the epoch, from 0; epoch 0 also founds the library.
+
+    Yields:
+        Blocks of candidates; send back their `Scores`.
+
+    Returns:
+        The record of the epoch (as the generator's value).
+    """
+    before = state.library
+    work = _Epoch(before)
+    first = epoch * config.generations_per_epoch + 1
+    if epoch == 0:
+        brood = founders(config, island)
+        scores = yield _candidates(brood)
+        _found(work, brood, scores, config, island)
+    settled = 0
+    if inbox:
+        policy = config.migration.replacement
+        for _source, arrivals in inbox:
+            work.library, places = settle(work.library, arrivals, policy, config.seed, island, first)
+            settled += places
+    for generation in range(first, first + config.generations_per_epoch):
+        yield from _generation(work, config, island, epoch, generation)
+    after = work.library
+    leaving = emigrants(
+        after, config.migration.selection, config.migration.emigrants, config.seed, island, generation
+    )
+    place_before = {identity: k for k, identity in enumerate(before["design_id"].tolist())}
+    origin = [place_before.get(identity, -1) for identity in after["design_id"].tolist()]
+    stayed = [k for k, at in enumerate(origin) if at >= 0]
+    came = [k for k, at in enumerate(origin) if at < 0]
+    order = np.empty(len(after), np.int32)
+    order[stayed + came] = np.arange(len(after), dtype=np.int32)
+    return EpochRecord(
+        island,
+        epoch,
+        np.array([origin[k] for k in stayed], np.int32),
+        after[came],
+        order,
+        np.array(leaving, np.int32),
+        np.concatenate(work.born) if work.born else after[:0],
+        tuple(work.statistics),
+        tuple((source, len(arrivals)) for source, arrivals in inbox),
+        settled,
+    )
+
+
+def drive(
+    steps: Generator[Candidates, Scores, EpochRecord], evaluate: Callable[[Candidates], Scores]
+) -> EpochRecord:
+    """Run `advance` to its end with one function that evaluates a block."""
+    try:
+        candidates = next(steps)
+        while True:
+            candidates = steps.send(evaluate(candidates))
+    except StopIteration as stop:
+        record: EpochRecord = stop.value
+        return record
+
+
+def _found(work: _Epoch, brood: Brood, scores: Scores, config: EvolutionConfig, island: int) -> None:
+    """The first library: every founder that has a score, whatever its fitness (the cut-off does not apply to it)."""
+    rows = _scored(brood, scores, config, island, 0, 0)
+    found = without_repeats(_identified(rows[scores.refusals == 0], config), work.library)
+    work.library = np.concatenate([work.library, found])
+    work.born.append(found)
+    work.statistics.append(_statistics(work, config, 0, rows["fitness"], scores.refusals, len(found)))
+
+
+def _generation(
+    work: _Epoch, config: EvolutionConfig, island: int, epoch: int, generation: int
+) -> Generator[Candidates, Scores, None]:
+    """Breed, evaluate, eliminate, and let the accepted join."""
+    rows: list[Designs] = []
+    refusals: list[npt.NDArray[np.uint8]] = []
+    accepted = 0
+    block = 0
+    while True:
+        slots = config.offspring or ACCEPTED_BLOCK
+        brood = offspring(work.library, config, island, generation, block, slots)
+        if len(brood.slots):
+            scores = yield _candidates(brood)
+            scored = _scored(brood, scores, config, island, epoch, generation)
+            passed = (scores.refusals == 0) & (scored["fitness"] >= config.elimination)
+            count = len(scored)
+            if config.accepted is not None and accepted + int(passed.sum()) >= config.accepted:
+                # The slots after the last one needed are speculation: as if they had never been drawn.
+                count = int(np.flatnonzero(passed)[config.accepted - accepted - 1]) + 1
+            rows.append(scored[:count])
+            refusals.append(scores.refusals[:count])
+            accepted += int(passed[:count].sum())
+        block += 1
+        if config.accepted is None or accepted >= config.accepted or block == ACCEPTED_BLOCKS_LIMIT:
+            break
+    scored = np.concatenate(rows) if rows else work.library[:0]
+    refused = np.concatenate(refusals) if refusals else np.zeros(0, np.uint8)
+    joined = _join(work, scored[(refused == 0) & (scored["fitness"] >= config.elimination)], config)
+    work.statistics.append(_statistics(work, config, generation, scored["fitness"], refused, joined))
+
+
+def _join(work: _Epoch, accepted: Designs, config: EvolutionConfig) -> int:
+    """Accepted offspring join the library; with `keep_best` only those that are among its best afterwards."""
+    best_only = config.library.growth == "keep_best"
+    if best_only and len(work.library) >= config.library.size:
+        # Those below the worst member cannot stay, and need no identity: hashing is the dear part.
+        accepted = accepted[accepted["fitness"] >= work.library["fitness"].min()]
+    newcomers = without_repeats(_identified(accepted, config), work.library)
+    library = np.concatenate([work.library, newcomers])
+    if best_only:
+        library = library[total_order(library)[: config.library.size]]
+        newcomers = newcomers[np.isin(newcomers["design_id"], library["design_id"])]
+    work.library = library
+    work.born.append(newcomers)
+    return len(newcomers)
+
+
+def _candidates(brood: Brood) -> Candidates:
+    return Candidates(brood.genes, brood.n_maps)
+
+
+def _scored(
+    brood: Brood, scores: Scores, config: EvolutionConfig, island: int, epoch: int, generation: int
+) -> Designs:
+    """Rows of a brood with their scores, still without identity."""
+    rows = np.zeros(len(brood.slots), founding_state(config).library.dtype)
+    rows["genes"] = brood.genes
+    rows["n_maps"] = brood.n_maps
+    for column, name in enumerate(SCORE_FIELDS):
+        rows[name] = scores.values[:, column]
+    rows["parents"] = brood.parents
+    rows["operator"] = brood.operators
+    rows["island"] = island
+    rows["epoch"] = epoch
+    rows["generation"] = generation
+    rows["slot"] = brood.slots
+    return rows
+
+
+def _identified(rows: Designs, config: EvolutionConfig) -> Designs:
+    """The rows with their design ids."""
+    phenotype = config.phenotype.phenotype()
+    rows["design_id"] = [
+        design_id(genes[:count], phenotype).encode()
+        for genes, count in zip(rows["genes"], rows["n_maps"].tolist(), strict=True)
+    ]
+    return rows
+
+
+def _statistics(
+    work: _Epoch,
+    config: EvolutionConfig,
+    generation: int,
+    fitness: npt.NDArray[np.float64],
+    refusals: npt.NDArray[np.uint8],
+    joined: int,
+) -> GenerationStatistics:
+    passed = fitness[(refusals == 0) & (fitness >= config.elimination)].tolist()
+    best = float(work.library["fitness"].max()) if len(work.library) else 0.0
+    return GenerationStatistics(
+        generation,
+        len(fitness),
+        int((refusals != 0).sum()),
+        len(passed),
+        sum(value > config.qualified for value in passed),
+        joined,
+        sum(passed) / len(passed) if passed else 0.0,
+        best,
+    )

@@ -1,0 +1,167 @@
+"""Broods: the genomes of a block of slots, bred from a library or drawn at random.
+
+A slot whose similarity dimension falls outside the configured range draws again from its own stream, up to
+`ATTEMPTS` times, and then stays empty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.config import EvolutionConfig
+from fractal_farm.evolution.designs import Designs, Operator
+from fractal_farm.evolution.operators import (
+    block_crossover,
+    fitness_proportional,
+    gaussian_mutation,
+    random_genes,
+    similarity_dimension_within,
+)
+from fractal_farm.ifs.genome import ROW_LENGTH
+from fractal_farm.random_streams import Purpose, stream
+
+ATTEMPTS = 16
+
+Place = tuple[int, int, int, int]
+Slots = npt.NDArray[np.intp]
+
+
+class Brood(NamedTuple):
+    """Genomes of the slots that were filled.
+
+    Attributes:
+        slots: (B,) int32, increasing.
+        genes: (B, M, K) float64, padded with rows of 0.
+        n_maps: (B,) int64.
+        parents: (B, 2) design ids as bytes, empty where there is none.
+        operators: (B,) uint8, `Operator` codes.
+    """
+
+    slots: npt.NDArray[np.int32]
+    genes: npt.NDArray[np.float64]
+    n_maps: npt.NDArray[np.int64]
+    parents: npt.NDArray[np.bytes_]
+    operators: npt.NDArray[np.uint8]
+
+
+def max_maps(config: EvolutionConfig) -> int:
+    """The largest number of maps that any genome of a run can have."""
+    return max([*config.library.map_counts, *(len(seed) for seed in config.library.seeds)])
+
+
+def founders(config: EvolutionConfig, island: int) -> Brood:
+    """The brood of generation 0: the configured seeds first, random genomes after them."""
+    size = config.library.size
+    brood = _filled(config, size, lambda attempt, rows: _random(config, (island, 0, 0, attempt), size, rows))
+    seeds = config.library.seeds[:size]
+    if not seeds:
+        return brood
+    genes = np.zeros((len(seeds), *brood.genes.shape[1:]))
+    for index, maps in enumerate(seeds):
+        genes[index, : len(maps)] = maps
+    planted = Brood(
+        np.arange(len(seeds), dtype=np.int32),
+        genes,
+        np.array([len(maps) for maps in seeds], np.int64),
+        np.zeros((len(seeds), 2), "S32"),
+        np.full(len(seeds), Operator.SEED, np.uint8),
+    )
+    rest = brood.slots >= len(seeds)
+    return Brood(*(np.concatenate([ours, theirs[rest]]) for ours, theirs in zip(planted, brood, strict=True)))
+
+
+def offspring(
+    library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
+) -> Brood:
+    """A block of offspring.
+
+    Args:
+        library: parents; random genomes are drawn if there are none.
+        config: evolution section.
+        island: index of the island.
+        generation: number of the generation, from 1.
+        block: number of the block within the generation; its first slot is block * slots.
+        slots: slots in a block.
+
+    Returns:
+        The slots that could be filled.
+    """
+    random = config.method == "random" or len(library) == 0
+
+    def draw(attempt: int, rows: Slots) -> Brood:
+        place = (island, generation, block, attempt)
+        return _random(config, place, slots, rows) if random else _bred(library, config, place, slots, rows)
+
+    brood = _filled(config, slots, draw)
+    return brood._replace(slots=brood.slots + np.int32(block * slots))
+
+
+def _filled(config: EvolutionConfig, slots: int, draw: Callable[[int, Slots], Brood]) -> Brood:
+    """Draw until every slot is within the similarity dimensions, or has had its attempts."""
+    bounds = config.similarity_dimension if config.phenotype.family == "similarity" else None
+    rows = np.arange(slots)
+    if bounds is None:
+        return draw(0, rows)
+    found = []
+    for attempt in range(ATTEMPTS):
+        brood = draw(attempt, rows)
+        good = similarity_dimension_within(brood.genes, brood.n_maps, bounds)
+        found.append([column[good] for column in brood])
+        rows = rows[~good]
+        if not len(rows):
+            break
+    joined = [np.concatenate(columns) for columns in zip(*found, strict=True)]
+    order = np.argsort(joined[0])
+    return Brood(*(column[order] for column in joined))
+
+
+def _random(config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> Brood:
+    """Random genomes for some rows of a block."""
+    affine = config.phenotype.family == "affine"
+    rng = stream(config.seed, Purpose.FOUNDERS, *place)
+    genes, n_maps = random_genes(rng, slots, max_maps(config), affine, config.library.map_counts)
+    return Brood(
+        rows.astype(np.int32),
+        genes[rows],
+        n_maps[rows],
+        np.zeros((len(rows), 2), "S32"),
+        np.full(len(rows), Operator.RANDOM, np.uint8),
+    )
+
+
+def _bred(library: Designs, config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> Brood:
+    """Offspring for some rows of a block; random numbers are drawn for all of them, so that none depends on the others."""
+    shape = (slots, max_maps(config), ROW_LENGTH[config.phenotype.family])
+    drawn = stream(config.seed, Purpose.PARENTS, *place).random((slots, 2))[rows]
+    first, second = fitness_proportional(library["fitness"], drawn).T
+    n_maps, identities = library["n_maps"], library["design_id"]
+    genes, crossed = block_crossover(
+        library["genes"][first],
+        library["genes"][second],
+        n_maps[first],
+        n_maps[second],
+        stream(config.seed, Purpose.CROSSOVER, *place).random((slots, 3))[rows],
+        config.crossover.probability,
+    )
+    rng = stream(config.seed, Purpose.MUTATION, *place)
+    genes, mutated = gaussian_mutation(
+        genes,
+        n_maps[first],
+        rng.random(shape)[rows],
+        rng.standard_normal(shape)[rows],
+        config.mutation.probability,
+        config.mutation.sigma,
+        config.phenotype.family == "affine",
+    )
+    lineage = np.stack([identities[first], np.where(crossed, identities[second], b"")], axis=1)
+    operators = np.choose(
+        crossed + 2 * mutated,
+        [Operator.COPY, Operator.CROSSOVER, Operator.MUTATION, Operator.CROSSOVER_MUTATION],
+    )
+    return Brood(
+        rows.astype(np.int32), genes, n_maps[first], lineage.astype("S32"), operators.astype(np.uint8)
+    )

@@ -1,0 +1,155 @@
+"""What happens in a run, as small values, and who hears of it.
+
+Progress bar, log, metrics and report are callbacks on these events; the schedule knows none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Totals of a run up to its last complete epoch.
+
+    Attributes:
+        epochs: complete epochs (all islands).
+        evaluated: genomes evaluated.
+        accepted: of them, fitness at or above the elimination threshold.
+        qualified: of them, fitness above the threshold of qualified designs.
+        designs: designs kept in the catalogue.
+        kept_qualified: of them, qualified.
+        best_fitness: highest fitness in any library.
+        mean_accepted: mean fitness of the accepted in the last epoch.
+        settled: migrants that found a place.
+    """
+
+    epochs: int = 0
+    evaluated: int = 0
+    accepted: int = 0
+    qualified: int = 0
+    designs: int = 0
+    kept_qualified: int = 0
+    best_fitness: float = 0.0
+    mean_accepted: float = 0.0
+    settled: int = 0
+
+
+@dataclass(frozen=True)
+class RunStarted:
+    """A run begins, or goes on from `epochs` complete ones."""
+
+    run_id: str
+    name: str
+    path: str
+    executor: str
+    workers: int
+    islands: int
+    epochs: int
+    stop: dict[str, float | int | None]
+
+
+@dataclass(frozen=True)
+class EpochCompleted:
+    """All islands have finished an epoch; `elapsed_s` counts this session alone."""
+
+    epoch: int
+    progress: Progress
+    elapsed_s: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class PartCommitted:
+    """Epochs first..last are durable in the catalogue, which now has so many files, bytes and rows in all."""
+
+    first_epoch: int
+    last_epoch: int
+    rows: int
+    files: int
+    bytes: int
+    total_files: int
+    total_bytes: int
+    total_designs: int
+    epochs: int
+    elapsed_s: float
+
+
+@dataclass(frozen=True)
+class Migration:
+    """Island `island` received `arrivals` (source, number) before an epoch, of which `settled` found a place."""
+
+    island: int
+    epoch: int
+    arrivals: tuple[tuple[int, int], ...]
+    settled: int
+
+
+@dataclass(frozen=True)
+class MeshFinished:
+    """A solid is in the catalogue, or `failure` says why not."""
+
+    design_id: str
+    seconds: float
+    done: int
+    wanted: int | None
+    failure: str | None = None
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something failed and was handled; `remedy` says how."""
+
+    where: str
+    cause: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Draining:
+    """The run is asked to end: what is complete will be committed."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class RunEnded:
+    """The run is over."""
+
+    reason: str
+    progress: Progress
+    elapsed_s: float
+    digest: str
+    meshes: int
+    mesh_failures: int
+
+
+Event = (
+    RunStarted
+    | EpochCompleted
+    | PartCommitted
+    | Migration
+    | MeshFinished
+    | Fault
+    | Draining
+    | RunEnded
+)
+
+
+class Callback:
+    """Hears every event of a run; override what is of interest."""
+
+    def on_event(self, event: Event) -> None:
+        """Called in the driver, in order; it must be quick and must not raise."""
+
+
+@dataclass
+class Announcer:
+    """Passes events on to all callbacks."""
+
+    callbacks: Iterable[Callback] = field(default_factory=tuple)
+
+    def __call__(self, event: Event) -> None:
+        for callback in self.callbacks:
+            callback.on_event(event)

@@ -1,0 +1,148 @@
+"""What a run asks of whoever does its work, and what comes back.
+
+An executor starts work and reports what has finished, in any order; the run decides everything else. `SerialExecutor`
+does the work in this process, one piece at a time; `farm.on_ray` spreads it over a cluster.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from fractal_farm.config import RunConfig
+from fractal_farm.evolution.designs import Designs
+from fractal_farm.evolution.island import EpochRecord, IslandState, advance, drive
+from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, evaluate_candidates, make_solid
+
+if TYPE_CHECKING:
+    from fractal_farm.farm.publisher import Publisher
+
+Inbox = list[tuple[int, Designs]]
+
+
+@dataclass(frozen=True)
+class EpochDone:
+    """An island has finished an epoch."""
+
+    record: EpochRecord
+
+
+@dataclass(frozen=True)
+class PartDone:
+    """A part is durable."""
+
+    receipt: PartReceipt
+
+
+@dataclass(frozen=True)
+class MeshDone:
+    """A solid is stored, or `failure` says why there is none."""
+
+    order: MeshOrder
+    seconds: float
+    failure: str | None
+
+
+@dataclass(frozen=True)
+class WorkLost:
+    """The process that did a piece of work died; it must be started again.
+
+    Attributes:
+        what: (island, epoch), the part, or the mesh order.
+        cause: why, for the log.
+    """
+
+    what: tuple[int, int] | Part | MeshOrder
+    cause: str
+
+
+Finished = EpochDone | PartDone | MeshDone | WorkLost
+
+
+class Executor(Protocol):
+    """Starts pieces of work and reports what has finished.
+
+    Attributes:
+        name: "serial" or "ray".
+        workers: evaluations that can run at the same time.
+    """
+
+    name: str
+    workers: int
+
+    def start_epoch(self, island: int, epoch: int, inbox: Inbox, state: IslandState) -> None:
+        """Start an epoch of an island from the state before it."""
+
+    def commit(self, part: Part) -> None:
+        """Start making a part durable; one at a time."""
+
+    def mesh(self, order: MeshOrder) -> None:
+        """Start making a solid; evaluations go first."""
+
+    @property
+    def mesh_slots(self) -> int:
+        """How many more solids could be started now."""
+
+    def wait(self, timeout_s: float) -> list[Finished]:
+        """What has finished since the last call; waits for something, at most for so long."""
+
+    def close(self) -> None:
+        """Drop all work in flight and free the workers."""
+
+
+class SerialExecutor:
+    """Everything in this process: parts first, then epochs, solids when nothing else is left."""
+
+    name = "serial"
+    workers = 1
+
+    def __init__(self, config: RunConfig, new_publisher: Callable[[], Publisher]) -> None:
+        self._config = config
+        self._publisher = new_publisher()
+        self._epochs: deque[tuple[int, int, Inbox, IslandState]] = deque()
+        self._parts: deque[Part] = deque()
+        self._meshes: deque[MeshOrder] = deque()
+
+    def start_epoch(self, island: int, epoch: int, inbox: Inbox, state: IslandState) -> None:
+        """Queue an epoch."""
+        self._epochs.append((island, epoch, inbox, state))
+
+    def commit(self, part: Part) -> None:
+        """Queue a part."""
+        self._parts.append(part)
+
+    def mesh(self, order: MeshOrder) -> None:
+        """Queue a solid."""
+        self._meshes.append(order)
+
+    @property
+    def mesh_slots(self) -> int:
+        """One solid at a time."""
+        return 0 if self._meshes else 1
+
+    def wait(self, timeout_s: float) -> list[Finished]:
+        """Do the next piece of work."""
+        if self._parts:
+            return [PartDone(self._publisher.publish(self._parts.popleft()))]
+        if self._epochs:
+            island, epoch, inbox, state = self._epochs.popleft()
+            config = self._config.evolution
+            steps = advance(state, inbox, config, island, epoch)
+            return [EpochDone(drive(steps, lambda block: evaluate_candidates(block, config)))]
+        if self._meshes:
+            order = self._meshes.popleft()
+            started = time.monotonic()
+            files, failure = make_solid(order)
+            if failure is None:
+                self._publisher.store_solid(order, files)
+            return [MeshDone(order, time.monotonic() - started, failure)]
+        return []
+
+    def close(self) -> None:
+        """Forget what is queued."""
+        self._epochs.clear()
+        self._parts.clear()
+        self._meshes.clear()

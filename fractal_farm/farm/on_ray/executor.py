@@ -1,0 +1,196 @@
+"""Islands as Ray actors, evaluations as Ray tasks, one writer and some mesh actors (DESIGN section 4).
+
+Actors hold state only as a cache: every call carries its epoch, and when an actor has died the run sends the state
+again. Island actors and the writer take no processor of their own; mesh actors run at low priority, so that
+evaluations go first.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+import ray
+from ray.exceptions import RayActorError, WorkerCrashedError
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+from fractal_farm.config import EvolutionConfig, RunConfig
+from fractal_farm.evolution.island import Candidates, EpochRecord, IslandState, Scores, advance, drive, library_after
+from fractal_farm.farm.executor import EpochDone, Finished, Inbox, MeshDone, PartDone, WorkLost
+from fractal_farm.farm.work import (
+    MeshOrder,
+    Part,
+    PartReceipt,
+    evaluate_candidates,
+    joined,
+    make_solid,
+    split,
+)
+
+_MESH_NICENESS = 10
+_MESH_WORKERS = 4
+
+
+@ray.remote(num_cpus=1, max_retries=-1)
+def evaluate_batch(candidates: Candidates, config: EvolutionConfig) -> Scores:
+    """RIA and fitness of one batch."""
+    return evaluate_candidates(candidates, config)
+
+
+@ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=0)
+class Island:
+    """One island; its library is a cache of what the run knows."""
+
+    def __init__(self, config: EvolutionConfig, island: int, batch_size: int | None) -> None:
+        self._config = config
+        self._island = island
+        self._batch_size = batch_size
+        self._state: IslandState | None = None
+
+    def advance(self, epoch: int, inbox: Inbox, state: IslandState | None) -> EpochRecord | None:
+        """The record of an epoch; None when neither memory nor argument holds the state before it."""
+        before = state if state is not None else self._state
+        if before is None or before.epoch != epoch - 1:
+            return None
+        record = drive(advance(before, inbox, self._config, self._island, epoch), self._evaluate)
+        self._state = IslandState(epoch, library_after(before.library, record))
+        return record
+
+    def _evaluate(self, candidates: Candidates) -> Scores:
+        batches = split(candidates, self._batch_size)
+        return joined(ray.get([evaluate_batch.remote(batch, self._config) for batch in batches]))
+
+
+@ray.remote(num_cpus=0, max_restarts=0)
+class Writer:
+    """Makes parts durable, on the driver's node."""
+
+    def __init__(self, new_publisher: Callable[[], Any]) -> None:
+        self._publisher = new_publisher()
+
+    def ping(self) -> None:
+        """Answer."""
+
+    def publish(self, part: Part) -> PartReceipt:
+        """Commit one part."""
+        receipt: PartReceipt = self._publisher.publish(part)
+        return receipt
+
+    def store_solid(self, order: MeshOrder, made: tuple[dict[str, bytes], str | None, float]) -> tuple[float, str | None]:
+        """Store what a mesh actor made; its files go straight from that actor to this one."""
+        files, failure, seconds = made
+        if failure is None:
+            self._publisher.store_solid(order, files)
+        return seconds, failure
+
+
+@ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=2)
+class Mesher:
+    """Makes solids at low priority."""
+
+    def __init__(self) -> None:
+        os.nice(_MESH_NICENESS)
+
+    def make(self, order: MeshOrder) -> tuple[dict[str, bytes], str | None, float]:
+        """The files of one solid, or why there is none, and the seconds it took."""
+        started = time.monotonic()
+        files, failure = make_solid(order)
+        return files, failure, time.monotonic() - started
+
+
+class RayExecutor:
+    """Spreads a run over the cluster that this process is connected to."""
+
+    name = "ray"
+
+    def __init__(self, config: RunConfig, new_publisher: Callable[[], Any], processors: int) -> None:
+        self.workers = processors
+        self._config = ray.put(config.evolution)
+        self._batch_size = config.execution.batch_size
+        self._new_publisher = new_publisher
+        self._here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
+        self._islands: dict[int, Any] = {}
+        self._memory: dict[int, int] = {}
+        self._writer: Any = None
+        self._meshers: list[Any] = []
+        self._pending: dict[Any, tuple[str, Any]] = {}
+
+    def start_epoch(self, island: int, epoch: int, inbox: Inbox, state: IslandState) -> None:
+        """Call the island's actor; the state travels only when the actor cannot have it."""
+        if island not in self._islands:
+            self._islands[island] = Island.remote(self._config, island, self._batch_size)
+        known = self._memory.get(island) == epoch - 1 and epoch > 0
+        call = self._islands[island].advance.remote(epoch, inbox, None if known else state)
+        self._pending[call] = ("epoch", (island, epoch))
+
+    def commit(self, part: Part) -> None:
+        """Hand a part to the writer, which works in order."""
+        self._pending[self._living_writer().publish.remote(part)] = ("part", part)
+
+    def mesh(self, order: MeshOrder) -> None:
+        """Give a solid to the mesh actor with the least to do."""
+        busy = [what[1] for kind, what in self._pending.values() if kind == "mesh"]
+        idle = [mesher for mesher in self._meshers if mesher not in busy]
+        if not idle:
+            idle = [Mesher.remote()]
+            self._meshers += idle
+        made = idle[0].make.remote(order)
+        self._pending[self._living_writer().store_solid.remote(order, made)] = ("mesh", (order, idle[0]))
+
+    @property
+    def mesh_slots(self) -> int:
+        """One solid for each processor, up to a few."""
+        busy = sum(kind == "mesh" for kind, _ in self._pending.values())
+        return max(0, min(self.workers, _MESH_WORKERS) - busy)
+
+    def wait(self, timeout_s: float) -> list[Finished]:
+        """Whatever is ready, without regard to order."""
+        if not self._pending:
+            return []
+        ready, _ = ray.wait(list(self._pending), num_returns=1, timeout=timeout_s)
+        if ready:
+            more, _ = ray.wait(list(self._pending), num_returns=len(self._pending), timeout=0)
+            ready = more
+        return [self._finished(call, *self._pending.pop(call)) for call in ready]
+
+    def close(self) -> None:
+        """Kill the actors; results in flight are not wanted any more."""
+        for actor in [*self._islands.values(), *self._meshers, *([self._writer] if self._writer else [])]:
+            ray.kill(actor)
+        self._pending.clear()
+
+    def _living_writer(self) -> Any:
+        if self._writer is None:
+            self._writer = Writer.options(scheduling_strategy=self._here).remote(self._new_publisher)
+        return self._writer
+
+    def _finished(self, call: Any, kind: str, what: Any) -> Finished:
+        try:
+            result = ray.get(call)
+        except (RayActorError, WorkerCrashedError) as error:
+            if kind == "part" or (kind == "mesh" and not self._alive(self._writer)):
+                self._writer = None
+            if kind == "epoch":
+                self._memory.pop(what[0], None)
+            return WorkLost(what[0] if kind == "mesh" else what, type(error).__name__)
+        if kind == "part":
+            return PartDone(result)
+        if kind == "mesh":
+            seconds, failure = result
+            return MeshDone(what[0], seconds, failure)
+        island, epoch = what
+        if result is None:
+            self._memory.pop(island, None)
+            return WorkLost(what, "its actor was restarted without the library")
+        self._memory[island] = epoch
+        return EpochDone(result)
+
+    @staticmethod
+    def _alive(actor: Any) -> bool:
+        try:
+            ray.get(actor.ping.remote())
+        except RayActorError:
+            return False
+        return True

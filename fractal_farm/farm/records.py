@@ -1,0 +1,118 @@
+"""Epoch records and island states as bytes, for the catalogue: raw arrays behind one line of JSON, compressed.
+
+The born rows of a record are not in its bytes: they are the rows of the manifest part that carries the record.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from fractal_farm.evolution.designs import Designs
+from fractal_farm.evolution.island import EpochRecord, GenerationStatistics, IslandState
+from fractal_farm.farm.events import Progress
+
+_INDEX = np.dtype(np.int32)
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """What one manifest part says about the run.
+
+    Attributes:
+        records: records of whole epochs, in the order (epoch, island); their `born` is empty when unpacked.
+        progress: totals of the run after the last of these epochs.
+        elapsed_s: seconds that all sessions had worked by then (not part of any result).
+    """
+
+    records: list[EpochRecord]
+    progress: Progress
+    elapsed_s: float
+
+
+def pack_ledger(ledger: Ledger) -> bytes:
+    """A ledger as bytes, without the rows that were born."""
+    header = {
+        "progress": asdict(ledger.progress),
+        "elapsed_s": ledger.elapsed_s,
+        "records": [
+            {
+                "island": record.island,
+                "epoch": record.epoch,
+                "statistics": [list(asdict(entry).values()) for entry in record.statistics],
+                "arrivals": record.arrivals,
+                "settled": record.settled,
+            }
+            for record in ledger.records
+        ],
+    }
+    arrays = [
+        array
+        for record in ledger.records
+        for array in (record.survivors, record.entrants, record.order, record.emigrants)
+    ]
+    return _pack(header, arrays)
+
+
+def unpack_ledger(blob: bytes, dtype: np.dtype[Any]) -> Ledger:
+    """The inverse of `pack_ledger`; `dtype` is that of the run's design rows."""
+    header, arrays = _unpack(blob, [_INDEX, dtype, _INDEX, _INDEX])
+    records = []
+    for k, entry in enumerate(header["records"]):
+        survivors, entrants, order, emigrants = arrays[4 * k : 4 * k + 4]
+        records.append(
+            EpochRecord(
+                entry["island"],
+                entry["epoch"],
+                survivors,
+                entrants,
+                order,
+                emigrants,
+                np.zeros(0, dtype),
+                tuple(GenerationStatistics(*values) for values in entry["statistics"]),
+                tuple((source, number) for source, number in entry["arrivals"]),
+                entry["settled"],
+            )
+        )
+    return Ledger(records, Progress(**header["progress"]), header["elapsed_s"])
+
+
+def pack_states(states: dict[int, IslandState]) -> bytes:
+    """The states of all islands after one epoch."""
+    islands = sorted(states)
+    return _pack(
+        {"islands": islands, "epoch": states[islands[0]].epoch},
+        [states[island].library for island in islands],
+    )
+
+
+def unpack_states(blob: bytes, dtype: np.dtype[Any]) -> dict[int, IslandState]:
+    """The inverse of `pack_states`."""
+    header, libraries = _unpack(blob, [dtype])
+    return {
+        island: IslandState(header["epoch"], library)
+        for island, library in zip(header["islands"], libraries, strict=True)
+    }
+
+
+def _pack(header: Any, arrays: list[Designs]) -> bytes:
+    head = json.dumps([header, [len(array) for array in arrays]], separators=(",", ":")).encode()
+    body = b"".join(array.tobytes() for array in arrays)
+    return zlib.compress(len(head).to_bytes(4, "little") + head + body, 6)
+
+
+def _unpack(blob: bytes, dtypes: list[np.dtype[Any]]) -> tuple[Any, list[Designs]]:
+    """Arrays follow each other in the order of `dtypes`, again and again."""
+    raw = zlib.decompress(blob)
+    start = 4 + int.from_bytes(raw[:4], "little")
+    header, lengths = json.loads(raw[4:start])
+    arrays = []
+    for index, length in enumerate(lengths):
+        dtype = dtypes[index % len(dtypes)]
+        arrays.append(np.frombuffer(raw, dtype, length, start).copy())
+        start += length * dtype.itemsize
+    return header, arrays

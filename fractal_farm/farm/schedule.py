@@ -1,0 +1,91 @@
+"""Which epoch of which island may run now (DESIGN section 4, 'Migration depends on epoch numbers').
+
+(island, epoch) needs (island, epoch - 1) and the records of its sources at epoch - lag. There is no barrier: islands
+run ahead of each other as far as their dependencies and `LEAD` allow. Pure bookkeeping, without a clock.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+from fractal_farm.evolution.designs import Designs
+from fractal_farm.evolution.island import EpochRecord, IslandState, library_after
+
+LEAD = 8
+
+
+class Schedule:
+    """Finished records, running work, and what may start next."""
+
+    def __init__(self, sources: list[tuple[int, ...]], lag: int, state: dict[int, IslandState]) -> None:
+        """Start from the state of each island after the same epoch.
+
+        Args:
+            sources: islands that each island receives from.
+            lag: epochs that migrants travel.
+            state: state of every island, all after the same epoch (-1: not founded).
+        """
+        self.sources = sources
+        self.lag = lag
+        self.state = dict(state)
+        self.complete = min(entry.epoch for entry in state.values())
+        self.last_epoch: int | None = None
+        self._running: set[int] = set()
+        self._outbox: dict[tuple[int, int], Designs] = {}
+        self._records: dict[int, dict[int, EpochRecord]] = defaultdict(dict)
+        self._states: dict[int, dict[int, IslandState]] = defaultdict(dict)
+
+    def remember(self, island: int, epoch: int, leaving: Designs) -> None:
+        """Enter the emigrants of an epoch that was committed by an earlier session."""
+        self._outbox[island, epoch] = leaving
+
+    def ready(self) -> list[tuple[int, int]]:
+        """(island, epoch) pairs whose dependencies are met, oldest epoch first."""
+        found = []
+        for island, state in self.state.items():
+            epoch = state.epoch + 1
+            if island in self._running or epoch > self.complete + LEAD:
+                continue
+            if self.last_epoch is not None and epoch > self.last_epoch:
+                continue
+            if all((source, epoch - self.lag) in self._outbox for source in self._senders(island, epoch)):
+                found.append((epoch, island))
+        return [(island, epoch) for epoch, island in sorted(found)]
+
+    def start(self, island: int, epoch: int) -> list[tuple[int, Designs]]:
+        """Mark a pair as running; returns its inbox, in the order of the sources."""
+        self._running.add(island)
+        return [
+            (source, self._outbox[source, epoch - self.lag]) for source in self._senders(island, epoch)
+        ]
+
+    def finish(self, record: EpochRecord) -> list[tuple[list[EpochRecord], dict[int, IslandState]]]:
+        """Take in a record.
+
+        Returns:
+            For every epoch that is now complete for all islands, in order: its records in island order, and the
+            states after it.
+        """
+        island, epoch = record.island, record.epoch
+        state = IslandState(epoch, library_after(self.state[island].library, record))
+        self._running.discard(island)
+        self.state[island] = state
+        self._outbox[island, epoch] = state.library[record.emigrants]
+        self._records[epoch][island] = record
+        self._states[epoch][island] = state
+        completed: list[tuple[list[EpochRecord], dict[int, IslandState]]] = []
+        while len(self._records.get(self.complete + 1, ())) == len(self.sources):
+            self.complete += 1
+            records = self._records.pop(self.complete)
+            completed.append(([records[k] for k in sorted(records)], self._states.pop(self.complete)))
+            for key in [key for key in self._outbox if key[1] <= self.complete - self.lag]:
+                del self._outbox[key]
+        return completed
+
+    @property
+    def running(self) -> int:
+        """Number of pairs that are running."""
+        return len(self._running)
+
+    def _senders(self, island: int, epoch: int) -> tuple[int, ...]:
+        return self.sources[island] if epoch >= self.lag else ()

@@ -1,0 +1,117 @@
+"""The pieces of work that executors run, as plain functions of plain values.
+
+Imports that bring numba, storage or meshing along stay inside the functions: island actors import this module and
+need none of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.config import EvolutionConfig
+from fractal_farm.errors import FarmError
+from fractal_farm.evolution.designs import Designs
+from fractal_farm.evolution.island import Candidates, Scores
+from fractal_farm.ifs.genome import Genome
+
+if TYPE_CHECKING:
+    from fractal_farm.solid import SolidParameters
+
+
+@dataclass(frozen=True)
+class Part:
+    """Whole epochs of all islands, to be made durable together.
+
+    Attributes:
+        rows: designs born in these epochs, in the order (epoch, island, birth).
+        kept: (rows,) bool, which are published as designs; the others are recorded as ancestors, without a cloud.
+        records: packed epoch records.
+        first_epoch: first epoch covered.
+        last_epoch: last epoch covered.
+        snapshot: packed states after the last epoch, or None.
+    """
+
+    rows: Designs
+    kept: npt.NDArray[np.bool_]
+    records: bytes
+    first_epoch: int
+    last_epoch: int
+    snapshot: bytes | None
+
+
+@dataclass(frozen=True)
+class PartReceipt:
+    """A durable part: what it covers and what it cost; `candidates` are designs to mesh, best first.
+
+    Attributes:
+        first_epoch: first epoch covered.
+        last_epoch: last epoch covered.
+        designs: designs published.
+        files: files written.
+        bytes: bytes written.
+        gaps: gap of every published design, by design id.
+    """
+
+    first_epoch: int
+    last_epoch: int
+    designs: int
+    files: int
+    bytes: int
+    gaps: dict[str, float]
+
+
+@dataclass(frozen=True)
+class MeshOrder:
+    """A solid to be made."""
+
+    genome: Genome
+    parameters: SolidParameters
+    formats: tuple[str, ...]
+
+
+def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scores:
+    """Random iteration and fitness of a block of genomes (compiled; releases the GIL)."""
+    from fractal_farm.fitness import FitnessFormula, evaluate_batch
+
+    constants = config.fitness
+    formula = FitnessFormula(
+        constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle
+    )
+    result = evaluate_batch(
+        candidates.genes, candidates.n_maps, config.phenotype.phenotype(), config.phenotype.points, formula
+    )
+    values = np.column_stack(
+        [result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error]
+    )
+    return Scores(values, result.refusal)
+
+
+def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:
+    """The files of a solid, or why there is none."""
+    from fractal_farm.solid import solid_files
+
+    try:
+        return solid_files(order.genome, order.parameters, order.formats), None
+    except FarmError as error:
+        return {}, str(error)
+
+
+def split(candidates: Candidates, size: int | None) -> list[Candidates]:
+    """Cut a block into batches of at most `size` genomes (None: one batch)."""
+    count = len(candidates.n_maps)
+    step = max(1, count if size is None else size)
+    return [
+        Candidates(candidates.genes[k : k + step], candidates.n_maps[k : k + step])
+        for k in range(0, count, step)
+    ]
+
+
+def joined(scores: list[Scores]) -> Scores:
+    """The scores of batches, put together again."""
+    return Scores(
+        np.concatenate([part.values for part in scores]), np.concatenate([part.refusals for part in scores])
+    )
