@@ -1,0 +1,197 @@
+"""`farm list` and `farm show`: the designs of a catalogue as tables, files and facts."""
+
+from __future__ import annotations
+
+import enum
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, write_file
+from fractal_farm.errors import InputError
+
+DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
+
+_SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
+_TABLE_ROWS = 20
+
+
+class Format(enum.StrEnum):
+    """How a list of designs is written."""
+
+    TABLE = "table"
+    CSV = "csv"
+    JSON = "json"
+    PARQUET = "parquet"
+
+
+def list_designs(
+    directory: DirectoryArgument,
+    where: Annotated[
+        str | None, typer.Option(help="Filter, such as 'fitness > 0.9 and n_maps == 3'.", show_default=False)
+    ] = None,
+    sort: Annotated[str, typer.Option(help="Column, with desc for the largest first.")] = "fitness desc",
+    limit: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of designs; default: 20 in a table, all in a file.", show_default=False),
+    ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(help="Columns, with commas between; 'all' for every column.", show_default=False),
+    ] = None,
+    form: Annotated[Format, typer.Option("--format", help="How to write them.")] = Format.TABLE,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File to write; default: stdout.", show_default=False),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List designs: the best first, or as you filter and sort them."""
+    from fractal_farm.catalogue import Catalogue
+
+    form = Format.JSON if as_json else form
+    if form is Format.PARQUET and output is None and sys.stdout.isatty():
+        raise InputError("--format parquet: not for a terminal; give a file with --output")
+    table = _selected(Catalogue.open(directory).designs(), where, sort)
+    total = table.num_rows
+    if form is Format.TABLE and limit is None:
+        limit = _TABLE_ROWS
+    table = table.slice(0, limit) if limit is not None else table
+    table = table.select(_chosen(columns, form, table.column_names))
+    if form is Format.TABLE and output is None:
+        print_table(table.column_names, [list(row.values()) for row in table.to_pylist()])
+        typer.echo(f"{table.num_rows} of {total} designs", err=True)
+    elif form is Format.JSON and output is None:
+        print_json(table.to_pylist())
+    else:
+        _deliver(_encoded(table, form), output)
+
+
+def show(
+    directory: DirectoryArgument,
+    design: Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")],
+    as_json: AsJson = False,
+) -> None:
+    """Show one design: genome, scores, lineage, files."""
+    from fractal_farm.catalogue import Catalogue
+    from fractal_farm.ifs.genome import GENE_NAMES, ROW_LENGTH
+
+    catalogue = Catalogue.open(directory)
+    row = catalogue.design(design)
+    width = ROW_LENGTH[row["family"]]
+    genes = [row["genes"][k : k + width] for k in range(0, len(row["genes"]), width)]
+    maps = [row["maps"][k : k + 12] for k in range(0, len(row["maps"]), 12)]
+    files = _files(catalogue, row)
+    if as_json:
+        print_json({**row, "genes": genes, "maps": maps, "files": files})
+        return
+    print_facts(
+        {
+            "design": row["design_id"],
+            "fitness": row["fitness"],
+            "D0": _with_error(row["d0"], row["d0_error"]),
+            "D2": _with_error(row["d2"], row["d2_error"]),
+            "LLE": f"{row['lle']:.6f} nats an iteration",
+            "similarity dimension": row["similarity_dimension"],
+            "gap": row["gap"],
+            "parents": row["parents"] or "none",
+            "operator": row["operator"],
+            "born": f"run {row['run_id']}, island {row['island']}, epoch {row['epoch']}, "
+            f"generation {row['generation']}, slot {row['slot']}",
+            "phenotype": f"{row['family']}, {row['map_form']}, rotation sign {row['rotation_sign']}, "
+            f"influence {row['influence']:g}",
+            "points": row["n_points"],
+            "files": ", ".join(files) or "no mesh; make one with farm mesh",
+        }
+    )
+    typer.echo()
+    names = GENE_NAMES if row["family"] == "similarity" else [f"a{k}" for k in range(1, 13)]
+    print_table(
+        ["map", "P", *names],
+        [[k, p, *gene] for k, (p, gene) in enumerate(zip(row["probabilities"], genes, strict=True), start=1)],
+    )
+
+
+def _selected(table: Any, where: str | None, sort: str) -> Any:
+    import pyarrow as pa
+
+    from fractal_farm.cli.where import filter_expression
+
+    if where is not None:
+        expression = filter_expression(where, table.column_names)
+        try:
+            table = table.filter(expression)
+        except (pa.ArrowException, TypeError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(f"--where {where!r}: {reason}; compare numbers with numbers") from None
+    name, _, direction = sort.strip().partition(" ")
+    direction = direction.strip().lower()
+    if name not in table.column_names or direction not in ("", "asc", "desc"):
+        raise InputError(f"--sort {sort!r}: give a column, with asc or desc; columns: {', '.join(table.column_names)}")
+    order = "descending" if direction == "desc" else "ascending"
+    keys = [(name, order)] if name == "design_id" else [(name, order), ("design_id", "ascending")]
+    try:
+        return table.sort_by(keys)
+    except pa.ArrowException:
+        raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values") from None
+
+
+def _chosen(columns: str | None, form: Format, known: list[str]) -> list[str]:
+    if columns is None:
+        return [name for name in _SHORT_COLUMNS if name in known] if form is Format.TABLE else known
+    chosen = known if columns.strip() == "all" else [name.strip() for name in columns.split(",")]
+    for name in chosen:
+        if name not in known:
+            raise InputError(f"--columns: unknown column {name!r}; the columns are {', '.join(known)}")
+    return chosen
+
+
+def _encoded(table: Any, form: Format) -> bytes:
+    """A table as the bytes of a file; CSV and JSON have lists in JSON's notation."""
+    import io
+    import json
+
+    import pyarrow as pa
+    from pyarrow import csv, parquet
+
+    buffer = io.BytesIO()
+    if form is Format.PARQUET:
+        parquet.write_table(table, buffer, compression="zstd")
+        return buffer.getvalue()
+    if form is Format.CSV:
+        for index, field in enumerate(table.schema):
+            if pa.types.is_nested(field.type):
+                cells = [None if cell is None else json.dumps(cell) for cell in table.column(index).to_pylist()]
+                table = table.set_column(index, field.name, pa.array(cells, pa.string()))
+        csv.write_csv(table, buffer)
+        return buffer.getvalue()
+    if form is Format.JSON:
+        return json.dumps(plain(table.to_pylist()), indent=2).encode() + b"\n"
+    lines = [table.column_names, *(row.values() for row in table.to_pylist())]
+    return "".join("\t".join(map(str, line)) + "\n" for line in lines).encode()
+
+
+def _deliver(content: bytes, output: Path | None) -> None:
+    if output is not None:
+        write_file(output, content)
+        typer.echo(f"wrote {output}", err=True)
+    else:
+        sys.stdout.buffer.write(content)
+        sys.stdout.buffer.flush()
+
+
+def _with_error(value: float | None, error: float | None) -> str | None:
+    if value is None or error is None:
+        return None if value is None else f"{value:.4f}"
+    return f"{value:.4f} ± {error:.4f}"
+
+
+def _files(catalogue: Any, row: dict[str, Any]) -> list[str]:
+    """Where the design's cloud and solids lie, relative to the catalogue."""
+    cloud = []
+    if row["cloud_row"] is not None:
+        cloud = [f"clouds/{row['writer']}/{row['cloud_array']}[{row['cloud_row']}]"]
+    solids = [solid for solid in catalogue.solids() if solid.design_id == row["design_id"]]
+    return cloud + [str(path.relative_to(catalogue.path)) for solid in solids for path in solid.files.values()]

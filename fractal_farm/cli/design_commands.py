@@ -1,0 +1,168 @@
+"""`farm score`, `farm render` and `farm mesh`: what can be made of a genome."""
+
+from __future__ import annotations
+
+import enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fractal_farm.cli.catalogue_commands import DirectoryArgument
+from fractal_farm.cli.output import AsJson, print_json, print_table, say, write_file
+from fractal_farm.errors import InputError
+
+if TYPE_CHECKING:
+    from fractal_farm.ifs.genome import Genome
+
+IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs, or the first digits of their ids.")]
+
+
+class Colours(enum.StrEnum):
+    """The paper's colourings."""
+
+    GRADIENT = "gradient"
+    DUAL = "dual"
+
+
+class MeshFormat(enum.StrEnum):
+    """File formats of meshes."""
+
+    GLB = "glb"
+    STL = "stl"
+    PLY = "ply"
+
+
+def score(
+    genomes: Annotated[Path, typer.Argument(metavar="GENOMES", help="YAML file of genomes.")],
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Run configuration whose fitness and number of points to use.", show_default=False),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Score genomes: probabilities, ratios, D0, D2, LLE, fitness, similarity dimension."""
+    from fractal_farm.config import RunConfig, load_genomes
+    from fractal_farm.fitness import FitnessFormula, evaluate
+    from fractal_farm.ifs.maps import selection_probabilities
+    from fractal_farm.ifs.similarity_dimension import similarity_dimension
+
+    evolution = (RunConfig.from_yaml(config) if config else RunConfig()).evolution
+    named = load_genomes(genomes, evolution.phenotype.phenotype())
+    formula = FitnessFormula(**evolution.fitness.model_dump())
+    evaluation = evaluate([genome for _, genome in named], evolution.phenotype.points, formula)
+    reports = [
+        {
+            "name": name,
+            "design_id": genome.design_id,
+            "n_maps": genome.n_maps,
+            "probabilities": selection_probabilities(genome).tolist(),
+            "ratios": _ratios(genome),
+            "d0": float(evaluation.d0[index]),
+            "d0_error": float(evaluation.d0_error[index]),
+            "d2": float(evaluation.d2[index]),
+            "d2_error": float(evaluation.d2_error[index]),
+            "lle": float(evaluation.lle[index]),
+            "fitness": float(evaluation.fitness[index]),
+            "similarity_dimension": similarity_dimension(genome) if _is_similar(genome) else None,
+        }
+        for index, (name, genome) in enumerate(named)
+    ]
+    if as_json:
+        print_json(reports)
+        return
+    print_table(
+        ["genome", "P", "ratios", "D0", "D2", "LLE", "fitness", "similarity dimension"],
+        [
+            [
+                r["name"],
+                r["probabilities"],
+                r["ratios"],
+                r["d0"],
+                r["d2"],
+                r["lle"],
+                r["fitness"],
+                r["similarity_dimension"],
+            ]
+            for r in reports
+        ],
+    )
+
+
+def render(
+    directory: DirectoryArgument,
+    ids: IdsArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", help="PNG file to write.")],
+    size: Annotated[int, typer.Option(min=16, max=4096, help="Pixels of a design's side.")] = 512,
+    points: Annotated[int, typer.Option(min=100, max=10_000_000, help="Points to draw.")] = 20_000,
+    colours: Annotated[Colours, typer.Option(help="Colouring.")] = Colours.GRADIENT,
+) -> None:
+    """Draw designs: one as a picture, several as a sheet."""
+    import io
+    import math
+
+    from fractal_farm.catalogue import Catalogue
+    from fractal_farm.catalogue.rows import genome_of
+    from fractal_farm.picture import design_sheet, render_genome
+
+    if output.suffix.lower() != ".png":
+        raise InputError(f"--output {output}: the picture is a PNG; give a name that ends in .png")
+    catalogue = Catalogue.open(directory)
+    rows = [catalogue.design(identity) for identity in ids]
+    drawn = [(genome_of(row), f"{row['design_id'][:8]}  {row['fitness']:.3f}") for row in rows]
+    if len(drawn) == 1:
+        picture = render_genome(drawn[0][0], size, n_points=points, colours=colours.value)
+    else:
+        columns = math.ceil(math.sqrt(len(drawn)))
+        picture = design_sheet(drawn, columns, size=size, n_points=points, colours=colours.value)
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG")
+    write_file(output, buffer.getvalue())
+    say(f"wrote {output}")
+
+
+def mesh(
+    directory: DirectoryArgument,
+    ids: IdsArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files.")],
+    size: Annotated[float, typer.Option(min=1, max=1000, help="Longest side of the solid, mm.")] = 30.0,
+    wall: Annotated[float, typer.Option(min=0.01, max=100, help="Thinnest wall, mm.")] = 0.8,
+    form: Annotated[list[MeshFormat] | None, typer.Option("--format", help="File format; may be repeated.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make solids of designs: watertight meshes in one piece, with the genome inside."""
+    import json
+
+    from fractal_farm.catalogue import Catalogue
+    from fractal_farm.solid import SolidParameters, solid_files
+
+    catalogue = Catalogue.open(directory)
+    formats = tuple(dict.fromkeys(each.value for each in form or (MeshFormat.GLB, MeshFormat.STL)))
+    parameters = SolidParameters(size_mm=size, wall_mm=wall)
+    reports = []
+    for identity in [catalogue.design(identity)["design_id"] for identity in ids]:
+        files = solid_files(catalogue.genome(identity), parameters, formats)
+        paths = []
+        for name, content in files.items():
+            paths.append(output / f"{identity}{Path(name).suffix}")
+            write_file(paths[-1], content)
+        say(f"wrote {', '.join(map(str, paths))}")
+        reports.append({"design_id": identity, "files": list(map(str, paths)), **json.loads(files["solid.json"])})
+    if as_json:
+        print_json(reports)
+
+
+def _is_similar(genome: Genome) -> bool:
+    return genome.phenotype.family == "similarity"
+
+
+def _ratios(genome: Genome) -> list[float]:
+    """Contraction ratio of each map: rho, or the cube root of |det A|."""
+    import numpy as np
+
+    from fractal_farm.ifs.genome import RHO
+    from fractal_farm.ifs.maps import resolved_maps
+
+    if _is_similar(genome):
+        return [float(rho) for rho in genome.genes[:, RHO]]
+    return [abs(float(np.linalg.det(linear))) ** (1 / 3) for linear in resolved_maps(genome)[:, :, :3]]

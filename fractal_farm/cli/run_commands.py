@@ -1,0 +1,153 @@
+"""`farm submit`, `farm resume` and `farm status`: runs."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fractal_farm.cli.catalogue_commands import DirectoryArgument
+from fractal_farm.cli.output import AsJson, duration, print_facts, print_json, results_only_on_stdout, say
+
+if TYPE_CHECKING:
+    from fractal_farm.farm import RunSummary
+
+
+class ExecutorName(enum.StrEnum):
+    """Who works."""
+
+    RAY = "ray"
+    SERIAL = "serial"
+
+
+AddressOption = Annotated[
+    str | None,
+    typer.Option(help="Running Ray cluster, host:port or auto; default: this machine.", show_default=False),
+]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Override; may be repeated.")
+]
+ExecutorOption = Annotated[
+    ExecutorName | None, typer.Option(help="ray, or serial: in this process alone.", show_default=False)
+]
+
+
+def submit(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the run.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="New directory for the catalogue; default: runs/NAME.",
+            show_default=False,
+        ),
+    ] = None,
+    address: AddressOption = None,
+    executor: ExecutorOption = None,
+    overrides: SetOption = None,
+    into: Annotated[bool, typer.Option("--into", help="Add the run to an existing catalogue.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Run a configuration: evolve, keep, mesh; Ctrl-C ends it cleanly."""
+    from fractal_farm import farm
+    from fractal_farm.cli.progress import progress_display
+    from fractal_farm.config import RunConfig
+
+    run = RunConfig.from_yaml(config, overrides or ())
+    directory = out if out is not None else Path("runs") / run.name
+    with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
+        summary = farm.submit(run, directory, address=address, executor=_name(executor), into=into, callbacks=[display])
+    return _report(summary, as_json)
+
+
+def resume(
+    directory: DirectoryArgument,
+    address: AddressOption = None,
+    executor: ExecutorOption = None,
+    overrides: SetOption = None,
+    as_json: AsJson = False,
+) -> int:
+    """Go on with a run that was interrupted, or extend one: --set stop.epochs=40."""
+    from fractal_farm import farm
+    from fractal_farm.cli.progress import progress_display
+
+    with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
+        summary = farm.resume(
+            directory,
+            overrides=overrides or (),
+            address=address,
+            executor=_name(executor),
+            callbacks=[display],
+        )
+    return _report(summary, as_json)
+
+
+def status(directory: DirectoryArgument, as_json: AsJson = False) -> None:
+    """What a catalogue holds, how its runs fare, and its content digest."""
+    from fractal_farm import farm
+
+    facts = farm.status(directory)
+    if as_json:
+        print_json(facts)
+    else:
+        print_facts(_flat(facts))
+
+
+def _name(executor: ExecutorName | None) -> str | None:
+    return executor.value if executor else None
+
+
+@contextlib.contextmanager
+def _saying_how_to_resume(directory: Path) -> Iterator[None]:
+    """A second Ctrl-C ends the process at once; what was committed stays."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if (directory / "zarr.json").exists():
+            say(f"go on from the last commit with: farm resume {directory}")
+        raise
+
+
+def _report(summary: RunSummary, as_json: bool) -> int:
+    if as_json:
+        print_json(summary.as_dict())
+        return summary.exit_code
+    progress = summary.progress
+    failed = f", {summary.mesh_failures} failed" if summary.mesh_failures else ""
+    print_facts(
+        {
+            "run": f"{summary.name} ({summary.run_id}): {summary.reason}",
+            "designs": f"{progress.designs:,} in the catalogue, {progress.kept_qualified:,} of them qualified",
+            "evaluated": f"{progress.evaluated:,} in {progress.epochs:,} epochs and {duration(summary.elapsed_s)}",
+            "best fitness": f"{progress.best_fitness:.4f}",
+            "meshes": f"{summary.meshes} made{failed}, in {summary.path / 'solids'}",
+            "picture": summary.sheet,
+            "digest": summary.digest,
+        }
+    )
+    if summary.interrupted:
+        say(f"go on with: farm resume {summary.path}")
+    else:
+        say(f"look at the best with: farm list {summary.path}")
+    return summary.exit_code
+
+
+def _flat(facts: dict[str, Any], above: str = "") -> dict[str, Any]:
+    """Nested facts as one level of names."""
+    flat: dict[str, Any] = {}
+    for key, value in facts.items():
+        name = f"{above}{key}".replace("_", " ")
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{name} ")
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            for index, item in enumerate(value, start=1):
+                flat |= _flat(item, f"{name} {index} ")
+        else:
+            flat[name] = value
+    return flat
