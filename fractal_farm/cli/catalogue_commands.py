@@ -48,7 +48,7 @@ def list_designs(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List designs: the best first, or as you filter and sort them."""
+    """List designs, filtered and sorted."""
     from fractal_farm.catalogue import Catalogue
 
     form = Format.JSON if as_json else form

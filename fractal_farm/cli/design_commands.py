@@ -41,7 +41,10 @@ def score(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Score genomes: probabilities, ratios, D0, D2, LLE, fitness, similarity dimension."""
+    """Score the genomes of a file.
+
+    Selection probabilities, contraction ratios, D0, D2, LLE, fitness and similarity dimension.
+    """
     from fractal_farm.config import RunConfig, load_genomes
     from fractal_farm.fitness import FitnessFormula, evaluate
     from fractal_farm.ifs.maps import selection_probabilities
@@ -97,7 +100,7 @@ def render(
     points: Annotated[int, typer.Option(min=100, max=10_000_000, help="Points to draw.")] = 20_000,
     colours: Annotated[Colours, typer.Option(help="Colouring.")] = Colours.GRADIENT,
 ) -> None:
-    """Draw designs: one as a picture, several as a sheet."""
+    """Draw designs as a picture or a sheet."""
     import io
     import math
 
@@ -130,7 +133,10 @@ def mesh(
     form: Annotated[list[MeshFormat] | None, typer.Option("--format", help="File format; may be repeated.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make solids of designs: watertight meshes in one piece, with the genome inside."""
+    """Make solids of designs: watertight meshes.
+
+    Each is one piece, with the genome inside the file.
+    """
     import json
 
     from fractal_farm.catalogue import Catalogue

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import shutil
 import sys
@@ -87,10 +86,12 @@ def _python() -> Iterator[Check]:
 
 
 def _packages() -> Iterator[Check]:
+    from importlib import metadata
+
     for name in _PACKAGES:
         try:
-            yield Check(name, True, importlib.metadata.version(name))
-        except importlib.metadata.PackageNotFoundError:
+            yield Check(name, True, metadata.version(name))
+        except metadata.PackageNotFoundError:
             yield Check(name, False, "not installed", "pip install -c constraints.txt .")
 
 

@@ -7,6 +7,7 @@ everything else to stderr. Nothing heavy is imported here: each command imports 
 from __future__ import annotations
 
 import sys
+import traceback
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -22,6 +23,7 @@ app = typer.Typer(
     epilog="Start with: farm submit configs/quickstart.yaml --out runs/quickstart",
     context_settings={"help_option_names": ["-h", "--help"]},
     add_completion=False,
+    rich_markup_mode=None,  # rich doubles the time of --help
     pretty_exceptions_enable=False,
 )
 app.command("submit")(run_commands.submit)
@@ -50,41 +52,51 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         result = app(args=words, prog_name="farm", standalone_mode=False)
         return result if isinstance(result, int) else 0
-    except typer.TyperException as error:
+    except (Exception, KeyboardInterrupt) as error:
         if debug:
-            raise
-        return _fail(f"{_one_line(error.format_message())}; see farm --help", error.exit_code)
-    except FarmError as error:
-        if debug:
-            raise
-        return _fail(_one_line(error), 2 if isinstance(error, InputError) else 1)
-    except (KeyboardInterrupt, typer.Abort):
-        return _fail("interrupted", 130)
-    except OSError as error:
-        if debug:
-            raise
-        return _fail(_one_line(f"{error.filename or 'operating system'}: {error.strerror or error}"), 1)
-    except Exception as error:
-        if debug:
-            raise
-        what = _one_line(f"{type(error).__name__}: {error}")
-        return _fail(f"unexpected {what}; run again with --debug and report what it prints", 1)
+            traceback.print_exc()
+        message, code = _translated(error)
+        typer.echo(f"farm: error: {message}", err=True)
+        return code
 
 
-@app.callback()
-def _options(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.", is_eager=True)] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,  # noqa: ARG001
-) -> None:
-    """Grows catalogues of printable 3D fractal designs."""
-    if version:
+def _translated(error: BaseException) -> tuple[str, int]:
+    """One line about an error, and the exit code."""
+    if isinstance(error, typer.TyperException):
+        return _usage(error), error.exit_code
+    if isinstance(error, FarmError):
+        return _one_line(error), 2 if isinstance(error, InputError) else 1
+    if isinstance(error, (KeyboardInterrupt, typer.Abort)):
+        return "interrupted", 130
+    if isinstance(error, OSError):
+        return _one_line(f"{error.filename or 'operating system'}: {error.strerror or error}"), 1
+    what = _one_line(f"{type(error).__name__}: {error}")
+    return f"unexpected {what}; run again with --debug and report what it prints", 1
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
         typer.echo(f"farm {__version__}")
         raise typer.Exit
 
 
-def _fail(message: str, code: int) -> int:
-    print(f"farm: error: {message}", file=sys.stderr)  # noqa: T201 - this is the one place that says it
-    return code
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True),
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    """Grows catalogues of printable 3D fractal designs."""
+
+
+def _usage(error: typer.TyperException) -> str:
+    """What is wrong with the arguments, and where help is."""
+    message = _one_line(error.format_message()).rstrip(".").replace(". Did", "; did").replace(".;", ";")
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "farm"
+    return f"{message[:1].lower()}{message[1:]}; see {command} --help"
 
 
 def _one_line(text: object) -> str:

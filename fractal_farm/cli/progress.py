@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from fractal_farm.cli.output import byte_count, duration
@@ -42,7 +42,7 @@ class RunView:
     """
 
     started: RunStarted | None = None
-    progress: Progress = Progress()
+    progress: Progress = field(default_factory=Progress)
     rate: float = 0.0
     files: int = 0
     bytes: int = 0

@@ -54,7 +54,10 @@ def submit(
     into: Annotated[bool, typer.Option("--into", help="Add the run to an existing catalogue.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Run a configuration: evolve, keep, mesh; Ctrl-C ends it cleanly."""
+    """Run a configuration to its end.
+
+    Designs are evolved, kept and meshed. Ctrl-C ends the run cleanly; farm resume goes on.
+    """
     from fractal_farm import farm
     from fractal_farm.cli.progress import progress_display
     from fractal_farm.config import RunConfig
@@ -73,7 +76,10 @@ def resume(
     overrides: SetOption = None,
     as_json: AsJson = False,
 ) -> int:
-    """Go on with a run that was interrupted, or extend one: --set stop.epochs=40."""
+    """Go on with an interrupted run, or extend one.
+
+    More of the same run: --set stop.epochs=40.
+    """
     from fractal_farm import farm
     from fractal_farm.cli.progress import progress_display
 
@@ -89,7 +95,7 @@ def resume(
 
 
 def status(directory: DirectoryArgument, as_json: AsJson = False) -> None:
-    """What a catalogue holds, how its runs fare, and its content digest."""
+    """What a catalogue holds, and its content digest."""
     from fractal_farm import farm
 
     facts = farm.status(directory)
