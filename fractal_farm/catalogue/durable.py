@@ -1,0 +1,175 @@
+"""Durable puts: what was acknowledged survives a kill and a power cut (research 'storage', 1.5, 4.4).
+
+A file is written under a hidden partial name, synced, renamed, and its directory synced; so a name that can
+be seen holds all of its bytes, and `put` returns only when the name is on the disk. Names are never reused
+for other bytes.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+from fractal_farm.errors import FarmError
+
+Durability = Literal["full", "process"]
+PARTIAL = ".partial"
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+
+
+class StorageFullError(FarmError):
+    """No space left; nothing was written, and the same put may be tried again once there is."""
+
+
+def put(path: Path, content: bytes, durability: Durability = "full") -> None:
+    """Write one file so that it is either wholly there or not at all; see `put_all`."""
+    put_all({path: content}, durability)
+
+
+def put_all(files: Mapping[Path, bytes], durability: Durability = "full") -> None:
+    """Write files, each of them wholly or not at all, and return when they will survive.
+
+    Args:
+        files: path -> content. Directories are made as needed.
+        durability: "full" syncs files and directories (survives a power cut); "process" only orders the steps
+            (survives the death of the process).
+
+    Raises:
+        StorageFullError: no space left. No partial file stays behind.
+        FarmError: any other failure of the file system.
+    """
+    staged: list[tuple[Path, Path]] = []
+    with _explained(next(iter(files), Path()), sum(map(len, files.values()))):
+        try:
+            for path, content in files.items():
+                make_directory(path.parent, durability)
+                partial = partial_name(path)
+                staged.append((partial, path))
+                _write_new(partial, content, durability)
+            for partial, path in staged:
+                partial.replace(path)
+        except BaseException:
+            for partial, _ in staged:
+                partial.unlink(missing_ok=True)
+            raise
+        if durability == "full":
+            for directory in dict.fromkeys(path.parent for path in files):
+                _sync_directory(directory)
+
+
+def put_directory(path: Path, files: Mapping[str, bytes], durability: Durability = "full") -> bool:
+    """Make a directory that appears with all of its files at once.
+
+    While it is being filled, its partial directory is locked, so that others can tell it from one left by a
+    dead process (`remove_dead_directory`).
+
+    Args:
+        path: the directory; its parents are made as needed.
+        files: plain file name -> content.
+        durability: see `put_all`.
+
+    Returns:
+        False if the directory was already there; it is left as it is.
+
+    Raises:
+        StorageFullError: no space left. Nothing stays behind.
+        FarmError: any other failure of the file system.
+    """
+    if path.is_dir():
+        return False
+    with _explained(path, sum(map(len, files.values()))):
+        make_directory(path.parent, durability)
+        partial = partial_name(path)
+        partial.mkdir()
+        try:
+            with _locked(partial):
+                for name, content in files.items():
+                    _write_new(partial / name, content, durability)
+                if durability == "full":
+                    _sync_directory(partial)
+                try:
+                    partial.rename(path)
+                except OSError as error:
+                    if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                        raise
+                    shutil.rmtree(partial)
+                    return False
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+        if durability == "full":
+            _sync_directory(path.parent)
+    return True
+
+
+def make_directory(path: Path, durability: Durability = "full") -> None:
+    """Make a directory and its missing parents, each entry synced in the directory that holds it."""
+    missing = []
+    while not path.is_dir():
+        missing.append(path)
+        path = path.parent
+    for directory in reversed(missing):
+        directory.mkdir(exist_ok=True)
+        if durability == "full":
+            _sync_directory(directory.parent)
+
+
+def partial_name(path: Path) -> Path:
+    """A unique name beside `path`, hidden from those who list data sets by folder."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex}{PARTIAL}")
+
+
+def remove_dead_directory(partial: Path) -> bool:
+    """Remove a partial directory of `put_directory`, unless a live process is filling it; whether it did."""
+    try:
+        with _locked(partial, blocking=False):
+            shutil.rmtree(partial)
+    except (BlockingIOError, FileNotFoundError):
+        return False
+    return True
+
+
+def _write_new(path: Path, content: bytes, durability: Durability) -> None:
+    with path.open("xb") as file:
+        file.write(content)
+        if durability == "full":
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def _sync_directory(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def _locked(directory: Path, *, blocking: bool = True) -> Iterator[None]:
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if blocking else fcntl.LOCK_NB))
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def _explained(path: Path, size: int) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _NO_SPACE:
+            raise StorageFullError(
+                f"{path}: no space left for {size} bytes; nothing that was committed is lost. Free space on "
+                "this file system (solids/, pictures/ and logs/ can be made again), then resume"
+            ) from error
+        raise FarmError(f"{path}: cannot be written: {error.strerror}; check the file system") from error

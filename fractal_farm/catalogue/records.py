@@ -1,0 +1,127 @@
+"""What a resumed run needs: the committed records in order, a clean slate, snapshots of the islands' state.
+
+A record is committed together with its designs, in the footer of one manifest part. Snapshots only shorten
+the replay of records; a lost or damaged one costs time, not content.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from fractal_farm.catalogue.durable import PARTIAL, Durability, put, remove_dead_directory
+from fractal_farm.catalogue.layout import (
+    CLOUDS,
+    DESIGNS,
+    SNAPSHOTS,
+    SOLIDS,
+    checked_run_id,
+    crc32c,
+    run_directory,
+)
+from fractal_farm.catalogue.parts import list_parts, read_footer
+
+_SNAPSHOT = re.compile(r"(?P<run_id>[0-9a-z]+)~(?P<epoch>\d{8})~(?P<checksum>[0-9a-f]{8})\.snapshot")
+_SNAPSHOTS_KEPT = 3
+
+
+def committed_records(root: Path, run_id: str, after: int | None = None) -> Iterator[tuple[tuple[int, int], bytes]]:
+    """The records of a run, as they were given to `RunWriter.commit`.
+
+    Args:
+        root: directory of the catalogue.
+        run_id: id of the run.
+        after: leave out commits whose last epoch is not above this one.
+
+    Yields:
+        ((first epoch, last epoch), records) in order of epochs, then of commits; of commits that are equal in
+        both, the first.
+
+    Raises:
+        FarmError: a part is missing or damaged.
+    """
+    spans = []
+    for part in list_parts(root, run_id):
+        footer = read_footer(root, part)
+        if after is None or footer.epochs[1] > after:
+            spans.append((footer.epochs, part.seq, part.writer, crc32c(footer.records), part))
+    seen = set()
+    for epochs, _, _, checksum, part in sorted(spans):
+        if (epochs, checksum) not in seen:
+            seen.add((epochs, checksum))
+            yield epochs, read_footer(root, part).records
+
+
+def remove_orphans(root: Path, run_id: str) -> int:
+    """Remove what dead writers of this run left unfinished; the caller holds the run's lock.
+
+    Args:
+        root: directory of the catalogue.
+        run_id: id of the run. Files of other runs stay.
+
+    Returns:
+        Number of files removed: partial files, and cloud files that no part refers to.
+
+    Raises:
+        FarmError: a part of the run is missing or damaged; then nothing is removed.
+    """
+    referenced = {key for part in list_parts(root, run_id) for key in read_footer(root, part).files}
+    removed = 0
+    for writer in (root / CLOUDS).glob(f"{run_id}-*"):
+        files = [path for path in writer.rglob("*") if path.is_file()]
+        orphans = [path for path in files if path.relative_to(root).as_posix() not in referenced]
+        removed += len(orphans)
+        if len(orphans) == len(files):
+            shutil.rmtree(writer)
+            continue
+        for path in orphans:
+            path.unlink()
+    partials = [
+        *(root / DESIGNS).glob(f".{run_id}-*{PARTIAL}"),
+        *(root / SNAPSHOTS).glob(f".{run_id}~*{PARTIAL}"),
+        *run_directory(root, run_id).glob(f".*{PARTIAL}"),
+    ]
+    for path in partials:
+        path.unlink()
+    dead = [path for path in (root / SOLIDS).glob(f"*/.*{PARTIAL}") if remove_dead_directory(path)]
+    return removed + len(partials) + len(dead)
+
+
+def write_snapshot(root: Path, run_id: str, epoch: int, state: bytes, durability: Durability = "full") -> None:
+    """Store the islands' state after an epoch; the newest three of a run are kept.
+
+    Args:
+        root: directory of the catalogue.
+        run_id: id of the run.
+        epoch: last epoch that the state contains, from 0; its records are committed.
+        state: opaque bytes.
+        durability: see `durable.put_all`.
+
+    Raises:
+        FarmError: the file system failed.
+    """
+    name = f"{checked_run_id(run_id)}~{epoch:08d}~{crc32c(state):08x}.snapshot"
+    put(root / SNAPSHOTS / name, state, durability)
+    for _, path, _ in _snapshots(root, run_id)[_SNAPSHOTS_KEPT:]:
+        path.unlink(missing_ok=True)
+
+
+def latest_snapshot(root: Path, run_id: str, at_or_before: int | None = None) -> tuple[int, bytes] | None:
+    """The newest sound snapshot of a run, at or before an epoch: (epoch, state), or None."""
+    for epoch, path, checksum in _snapshots(root, run_id):
+        if at_or_before is None or epoch <= at_or_before:
+            state = path.read_bytes()
+            if crc32c(state) == checksum:
+                return epoch, state
+    return None
+
+
+def _snapshots(root: Path, run_id: str) -> list[tuple[int, Path, int]]:
+    """(epoch, path, checksum), newest first."""
+    found = []
+    for path in (root / SNAPSHOTS).glob(f"{run_id}~*.snapshot"):
+        if name := _SNAPSHOT.fullmatch(path.name):
+            found.append((int(name["epoch"]), path, int(name["checksum"], 16)))
+    return sorted(found, reverse=True)

@@ -1,0 +1,149 @@
+"""The Zarr v3 arrays of one writer, encoded in memory (research 'storage', section 4.2).
+
+zarr-python writes the metadata; the shard bytes are put together here, byte for byte as zarr-python would,
+because it needs four times as long for them (0.7 against 0.17 ms of CPU a cloud) and the writer shares a core
+with the search. Arrays are declared once at full size and never resized: a hole costs nothing, and readers
+never go stale.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numcodecs import blosc  # type: ignore[import-untyped]
+
+from fractal_farm.catalogue.layout import crc32c
+from fractal_farm.ifs.quantised_cloud import QuantisedClouds
+
+SHARD = 256
+"""Designs in one shard; each commit begins a new one."""
+CAPACITY = 1 << 20
+"""Declared rows of a writer's arrays."""
+POINTS = "points"
+TRANSFORM = "transform"
+DESIGN_ID = "design_id"
+ATTRIBUTE = "fractal_farm"
+"""Key under which our groups describe themselves."""
+
+_ID_BYTES = 16
+_EMPTY_SLOT = np.iinfo(np.uint64).max
+
+
+def group_metadata(about: Mapping[str, Any]) -> bytes:
+    """zarr.json of a group that says something about itself."""
+    return _json({"zarr_format": 3, "node_type": "group", "attributes": {ATTRIBUTE: about}})
+
+
+@functools.cache
+def array_metadata(n_points: int) -> dict[str, bytes]:
+    """zarr.json of each array of a writer whose clouds have n_points points: array name -> content."""
+    import zarr
+    from zarr.codecs import BloscCodec, Crc32cCodec
+
+    store = zarr.storage.MemoryStore()
+    common: dict[str, Any] = {
+        "fill_value": 0,
+        "chunk_key_encoding": {"name": "default", "separator": "."},
+        "filters": None,
+    }
+    zarr.create_array(
+        store,
+        name=POINTS,
+        shape=(CAPACITY, n_points, 3),
+        chunks=(1, n_points, 3),
+        shards=(SHARD, n_points, 3),
+        dtype="uint16",
+        compressors=[
+            BloscCodec(cname="zstd", clevel=3, shuffle="bitshuffle", typesize=2),
+            Crc32cCodec(),
+        ],
+        dimension_names=("design", "point", "axis"),
+        attributes={
+            "units": "IFS units",
+            "quantisation": "xyz = origin + scale * q / 65535, with transform = (origin x, y, z, scale)",
+            "coordinates": f"{TRANSFORM} {DESIGN_ID}",
+        },
+        **common,
+    )
+    zarr.create_array(
+        store,
+        name=TRANSFORM,
+        shape=(CAPACITY, 4),
+        chunks=(SHARD, 4),
+        dtype="float32",
+        compressors=[Crc32cCodec()],
+        dimension_names=("design", "parameter"),
+        attributes={"units": "IFS units", "parameters": ["origin_x", "origin_y", "origin_z", "scale"]},
+        **common,
+    )
+    zarr.create_array(
+        store,
+        name=DESIGN_ID,
+        shape=(CAPACITY, _ID_BYTES),
+        chunks=(SHARD, _ID_BYTES),
+        dtype="uint8",
+        compressors=[Crc32cCodec()],
+        dimension_names=("design", "byte"),
+        attributes={"meaning": "the 16 bytes of the design_id in hex; all zero where no design is stored"},
+        **common,
+    )
+    names = (POINTS, TRANSFORM, DESIGN_ID)
+    return {name: _json(zarr.open_array(store, path=name).metadata.to_dict()) for name in names}
+
+
+def shard_files(clouds: QuantisedClouds, design_ids: list[str], first_shard: int) -> dict[str, bytes]:
+    """The chunk files of a batch of clouds, from shard `first_shard` on.
+
+    Args:
+        clouds: m clouds.
+        design_ids: their m ids, 32 hex digits each.
+        first_shard: index of the first shard, none of it written before.
+
+    Returns:
+        key within the writer's group -> content; three files for each 256 clouds begun.
+    """
+    files = {}
+    transform = np.concatenate([clouds.origin, clouds.scale[:, np.newaxis]], axis=1).astype("<f4")
+    ids = np.frombuffer(bytes.fromhex("".join(design_ids)), np.uint8).reshape(-1, _ID_BYTES)
+    for shard, start in enumerate(range(0, len(clouds), SHARD), start=first_shard):
+        rows = slice(start, start + SHARD)
+        files[f"{POINTS}/c.{shard}.0.0"] = encoded_shard(clouds.points[rows])
+        files[f"{TRANSFORM}/c.{shard}.0"] = _encoded_chunk(transform[rows])
+        files[f"{DESIGN_ID}/c.{shard}.0"] = _encoded_chunk(ids[rows])
+    return files
+
+
+def encoded_shard(points: npt.NDArray[np.uint16]) -> bytes:
+    """One shard: a blosc chunk for each cloud, each with its CRC32C, then the index of (offset, length).
+
+    Args:
+        points: (m, n, 3) uint16, m <= 256; the other slots stay empty.
+    """
+    index = np.full((SHARD, 2), _EMPTY_SLOT, "<u8")
+    pieces = []
+    offset = 0
+    for slot, cloud in enumerate(points.astype("<u2", copy=False)):
+        piece = _sealed(blosc.compress(cloud.tobytes(), b"zstd", 3, blosc.BITSHUFFLE, 0, 2))
+        index[slot] = offset, len(piece)
+        offset += len(piece)
+        pieces.append(piece)
+    return b"".join([*pieces, _sealed(index.tobytes())])
+
+
+def _encoded_chunk(rows: npt.NDArray[Any]) -> bytes:
+    whole = np.zeros((SHARD, rows.shape[1]), rows.dtype)
+    whole[: len(rows)] = rows
+    return _sealed(whole.tobytes())
+
+
+def _sealed(content: bytes) -> bytes:
+    return content + crc32c(content).to_bytes(4, "little")
+
+
+def _json(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, indent=2).encode() + b"\n"
