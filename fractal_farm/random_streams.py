@@ -1,8 +1,8 @@
 """Every source of randomness of a run, by name.
 
-A stream is a counter-based generator (Philox) addressed by what it is for: run seed, purpose, island, generation,
-block and attempt. Nothing is consumed in an order that depends on time, place or the number of workers. Blocks have a
-fixed shape whose row is the slot, so a slot's numbers never depend on what its neighbours did.
+A stream is a counter-based generator (Philox) addressed by what it is for: run seed, purpose, island,
+generation, block and attempt. Nothing is consumed in an order that depends on time, place or the number of
+workers. Blocks have a fixed shape whose row is the slot, so a slot's numbers never depend on its neighbours.
 """
 
 from __future__ import annotations

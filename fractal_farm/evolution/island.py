@@ -157,9 +157,7 @@ def advance(
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
     after = work.library
-    leaving = emigrants(
-        after, config.migration.selection, config.migration.emigrants, config.seed, island, generation
-    )
+    leaving = emigrants(after, config.migration.selection, config.migration.emigrants, config.seed, island, generation)
     place_before = {identity: k for k, identity in enumerate(before["design_id"].tolist())}
     origin = [place_before.get(identity, -1) for identity in after["design_id"].tolist()]
     stayed = [k for k, at in enumerate(origin) if at >= 0]
@@ -180,9 +178,7 @@ def advance(
     )
 
 
-def drive(
-    steps: Generator[Candidates, Scores, EpochRecord], evaluate: Callable[[Candidates], Scores]
-) -> EpochRecord:
+def drive(steps: Generator[Candidates, Scores, EpochRecord], evaluate: Callable[[Candidates], Scores]) -> EpochRecord:
     """Run `advance` to its end with one function that evaluates a block."""
     try:
         candidates = next(steps)
@@ -253,9 +249,7 @@ def _candidates(brood: Brood) -> Candidates:
     return Candidates(brood.genes, brood.n_maps)
 
 
-def _scored(
-    brood: Brood, scores: Scores, config: EvolutionConfig, island: int, epoch: int, generation: int
-) -> Designs:
+def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, epoch: int, generation: int) -> Designs:
     """Rows of a brood with their scores, still without identity."""
     rows = np.zeros(len(brood.slots), founding_state(config).library.dtype)
     rows["genes"] = brood.genes

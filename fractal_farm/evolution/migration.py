@@ -41,12 +41,10 @@ def sources(topology: str, islands: int, degree: int, seed: int) -> list[tuple[i
         circle = rng.permutation(islands).tolist()
         steps = (1 + rng.permutation(islands - 1))[:reach].tolist()
     place = {island: k for k, island in enumerate(circle)}
-    return [
-        tuple(sorted(circle[(place[island] + step) % islands] for step in steps)) for island in range(islands)
-    ]
+    return [tuple(sorted(circle[(place[island] + step) % islands] for step in steps)) for island in range(islands)]
 
 
-def _best(library: Designs, count: int, rng: np.random.Generator) -> list[int]:
+def _best(library: Designs, count: int, _rng: np.random.Generator) -> list[int]:
     return total_order(library)[:count].tolist()
 
 
@@ -60,23 +58,21 @@ SELECTIONS: dict[str, Callable[[Designs, int, np.random.Generator], list[int]]] 
 }
 
 
-def emigrants(
-    library: Designs, selection: str, count: int, seed: int, island: int, generation: int
-) -> list[int]:
+def emigrants(library: Designs, selection: str, count: int, seed: int, island: int, generation: int) -> list[int]:
     """Indices of the library's members whose copies leave at the end of an epoch."""
     return SELECTIONS[selection](library, count, stream(seed, Purpose.EMIGRANTS, island, generation))
 
 
-def _worst_if_better(library: Designs, arrival: Designs, rng: np.random.Generator) -> int | None:
+def _worst_if_better(library: Designs, arrival: Designs, _rng: np.random.Generator) -> int | None:
     worst = int(total_order(library)[-1])
     return worst if arrival["fitness"] > library["fitness"][worst] else None
 
 
-def _worst(library: Designs, arrival: Designs, rng: np.random.Generator) -> int | None:
+def _worst(library: Designs, _arrival: Designs, _rng: np.random.Generator) -> int | None:
     return int(total_order(library)[-1])
 
 
-def _random_member(library: Designs, arrival: Designs, rng: np.random.Generator) -> int | None:
+def _random_member(library: Designs, _arrival: Designs, rng: np.random.Generator) -> int | None:
     return int(rng.integers(len(library)))
 
 

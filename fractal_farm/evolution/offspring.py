@@ -74,9 +74,7 @@ def founders(config: EvolutionConfig, island: int) -> Brood:
     return Brood(*(np.concatenate([ours, theirs[rest]]) for ours, theirs in zip(planted, brood, strict=True)))
 
 
-def offspring(
-    library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
-) -> Brood:
+def offspring(library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int) -> Brood:
     """A block of offspring.
 
     Args:
@@ -134,7 +132,7 @@ def _random(config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> B
 
 
 def _bred(library: Designs, config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> Brood:
-    """Offspring for some rows of a block; random numbers are drawn for all of them, so that none depends on the others."""
+    """Offspring for some rows of a block; numbers are drawn for all rows, so that none depends on the others."""
     shape = (slots, max_maps(config), ROW_LENGTH[config.phenotype.family])
     drawn = stream(config.seed, Purpose.PARENTS, *place).random((slots, 2))[rows]
     first, second = fitness_proportional(library["fitness"], drawn).T
@@ -162,6 +160,4 @@ def _bred(library: Designs, config: EvolutionConfig, place: Place, slots: int, r
         crossed + 2 * mutated,
         [Operator.COPY, Operator.CROSSOVER, Operator.MUTATION, Operator.CROSSOVER_MUTATION],
     )
-    return Brood(
-        rows.astype(np.int32), genes, n_maps[first], lineage.astype("S32"), operators.astype(np.uint8)
-    )
+    return Brood(rows.astype(np.int32), genes, n_maps[first], lineage.astype("S32"), operators.astype(np.uint8))

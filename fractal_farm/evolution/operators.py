@@ -159,15 +159,10 @@ def similarity_dimension_within(
     Returns:
         (slots,) bool.
     """
-    ratios = [
-        rho[:count] for rho, count in zip(genes[:, :, RHO].tolist(), n_maps.tolist(), strict=True)
-    ]
+    ratios = [rho[:count] for rho, count in zip(genes[:, :, RHO].tolist(), n_maps.tolist(), strict=True)]
     low, high = bounds
     return np.array(
-        [
-            sum(math.pow(r, low) for r in genome) >= 1.0 >= sum(math.pow(r, high) for r in genome)
-            for genome in ratios
-        ],
+        [sum(math.pow(r, low) for r in genome) >= 1.0 >= sum(math.pow(r, high) for r in genome) for genome in ratios],
         dtype=bool,
     )
 

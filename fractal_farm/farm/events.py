@@ -125,16 +125,7 @@ class RunEnded:
     mesh_failures: int
 
 
-Event = (
-    RunStarted
-    | EpochCompleted
-    | PartCommitted
-    | Migration
-    | MeshFinished
-    | Fault
-    | Draining
-    | RunEnded
-)
+Event = RunStarted | EpochCompleted | PartCommitted | Migration | MeshFinished | Fault | Draining | RunEnded
 
 
 class Callback:
@@ -151,5 +142,6 @@ class Announcer:
     callbacks: Iterable[Callback] = field(default_factory=tuple)
 
     def __call__(self, event: Event) -> None:
+        """Tell everybody."""
         for callback in self.callbacks:
             callback.on_event(event)

@@ -123,7 +123,7 @@ class SerialExecutor:
         """One solid at a time."""
         return 0 if self._meshes else 1
 
-    def wait(self, timeout_s: float) -> list[Finished]:
+    def wait(self, timeout_s: float) -> list[Finished]:  # noqa: ARG002 - there is nothing to wait for
         """Do the next piece of work."""
         if self._parts:
             return [PartDone(self._publisher.publish(self._parts.popleft()))]

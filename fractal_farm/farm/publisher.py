@@ -56,9 +56,7 @@ class Publisher:
         if part.snapshot is not None:
             write_snapshot(self._root, self._run_id, part.last_epoch, part.snapshot, self._durability)
         gaps = {row["design_id"]: row["gap"] for row in rows[: len(designs)]}
-        return PartReceipt(
-            part.first_epoch, part.last_epoch, len(designs), receipt.files, receipt.bytes, gaps
-        )
+        return PartReceipt(part.first_epoch, part.last_epoch, len(designs), receipt.files, receipt.bytes, gaps)
 
     def store_solid(self, order: MeshOrder, files: dict[str, bytes]) -> None:
         """Put a finished solid into the catalogue."""

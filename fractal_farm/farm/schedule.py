@@ -55,9 +55,7 @@ class Schedule:
     def start(self, island: int, epoch: int) -> list[tuple[int, Designs]]:
         """Mark a pair as running; returns its inbox, in the order of the sources."""
         self._running.add(island)
-        return [
-            (source, self._outbox[source, epoch - self.lag]) for source in self._senders(island, epoch)
-        ]
+        return [(source, self._outbox[source, epoch - self.lag]) for source in self._senders(island, epoch)]
 
     def finish(self, record: EpochRecord) -> list[tuple[list[EpochRecord], dict[int, IslandState]]]:
         """Take in a record.

@@ -78,15 +78,11 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     from fractal_farm.fitness import FitnessFormula, evaluate_batch
 
     constants = config.fitness
-    formula = FitnessFormula(
-        constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle
-    )
+    formula = FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
     result = evaluate_batch(
         candidates.genes, candidates.n_maps, config.phenotype.phenotype(), config.phenotype.points, formula
     )
-    values = np.column_stack(
-        [result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error]
-    )
+    values = np.column_stack([result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error])
     return Scores(values, result.refusal)
 
 
@@ -104,14 +100,9 @@ def split(candidates: Candidates, size: int | None) -> list[Candidates]:
     """Cut a block into batches of at most `size` genomes (None: one batch)."""
     count = len(candidates.n_maps)
     step = max(1, count if size is None else size)
-    return [
-        Candidates(candidates.genes[k : k + step], candidates.n_maps[k : k + step])
-        for k in range(0, count, step)
-    ]
+    return [Candidates(candidates.genes[k : k + step], candidates.n_maps[k : k + step]) for k in range(0, count, step)]
 
 
 def joined(scores: list[Scores]) -> Scores:
     """The scores of batches, put together again."""
-    return Scores(
-        np.concatenate([part.values for part in scores]), np.concatenate([part.refusals for part in scores])
-    )
+    return Scores(np.concatenate([part.values for part in scores]), np.concatenate([part.refusals for part in scores]))

@@ -109,9 +109,7 @@ def as_genome(value: Genome | npt.ArrayLike, name: str = "genome") -> Genome:
     genes, family = value.genes, value.phenotype.family
     width = ROW_LENGTH[family]
     if genes.ndim != 2 or genes.shape[1] != width or not 2 <= genes.shape[0] <= MAX_MAPS:
-        raise InputError(
-            f"{name}: shape {genes.shape}; a {family} genome has 2 to {MAX_MAPS} rows of {width} numbers"
-        )
+        raise InputError(f"{name}: shape {genes.shape}; a {family} genome has 2 to {MAX_MAPS} rows of {width} numbers")
     for row, gene in enumerate(genes.tolist(), start=1):
         refusal, remark = check_row(gene, family)
         if refusal:
@@ -145,9 +143,7 @@ def canonical_rows(genes: FloatArray) -> list[tuple[float, ...]]:
     return sorted(tuple(allele + 0.0 for allele in row) for row in genes.tolist())
 
 
-def design_id(
-    genes: FloatArray, phenotype: Phenotype, probabilities: tuple[float, ...] | None = None
-) -> str:
+def design_id(genes: FloatArray, phenotype: Phenotype, probabilities: tuple[float, ...] | None = None) -> str:
     """Identity of a design: the same for any order of its maps, different for anything that changes its points."""
     rows = canonical_rows(genes)
     if probabilities is not None:

@@ -47,12 +47,12 @@ def cache_directory(module: str) -> Path:
 
 @functools.cache
 def cache_root() -> Path:
-    """The first writable of $NUMBA_CACHE_DIR, $XDG_CACHE_HOME/fractal_farm, ~/.cache/fractal_farm, the temporary directory."""
+    """The first writable of $NUMBA_CACHE_DIR, the user's cache directory and the temporary directory."""
     candidates = []
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         candidates.append(Path(given))
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    candidates.append(Path(home) / "fractal_farm" / "kernels")
+    home = os.environ.get("XDG_CACHE_HOME", "~/.cache")
+    candidates.append(Path(home).expanduser() / "fractal_farm" / "kernels")
     for directory in candidates:
         try:
             directory.mkdir(parents=True, exist_ok=True)

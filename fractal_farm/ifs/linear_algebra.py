@@ -37,9 +37,9 @@ def largest_singular_value(
     spread = math.sqrt((c00 * c00 + c11 * c11 + c22 * c22 + 2.0 * (b01 * b01 + b02 * b02 + b12 * b12)) / 6.0)
     if spread <= 1e-300:
         return math.sqrt(max(mean, 0.0))
-    half = (
-        c00 * (c11 * c22 - b12 * b12) - b01 * (b01 * c22 - b12 * b02) + b02 * (b01 * b12 - c11 * b02)
-    ) / (2.0 * spread * spread * spread)
+    half = (c00 * (c11 * c22 - b12 * b12) - b01 * (b01 * c22 - b12 * b02) + b02 * (b01 * b12 - c11 * b02)) / (
+        2.0 * spread * spread * spread
+    )
     angle = math.acos(min(1.0, max(-1.0, half))) / 3.0
     return math.sqrt(max(mean + 2.0 * spread * math.cos(angle), 0.0))
 

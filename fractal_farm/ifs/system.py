@@ -104,9 +104,7 @@ def build_system(genes, n_maps, reading, by_hand, system):  # type: ignore[no-un
     for i in range(n_maps):
         row = system.rows[i]
         if reading.affine:
-            norm = _largest_singular_value(
-                row[0], row[1], row[2], row[4], row[5], row[6], row[8], row[9], row[10]
-            )
+            norm = _largest_singular_value(row[0], row[1], row[2], row[4], row[5], row[6], row[8], row[9], row[10])
             if not 0.0 < norm < 1.0:
                 return _NOT_A_CONTRACTION
             system.maps[i, :] = row
@@ -162,7 +160,10 @@ def resolve_similarity(gene, offset_inside, rotation_sign, out):  # type: ignore
 
 @kernel
 def floored_probabilities(maps, n_maps, influence, out):  # type: ignore[no-untyped-def]
-    """Eqs 3.3 and 3.4: P_i proportional to |det A_i|, at least 1 / (influence N); the largest pays (the first if equal).
+    """Eqs 3.3 and 3.4: P_i proportional to |det A_i|, at least 1 / (influence N).
+
+    The largest (the first if equal) gives what was added to the others; should that take it below the floor, which
+    needs an influence near 1, the next largest gives the rest.
 
     Args:
         maps: (M, 12) float64 maps in canonical order.
@@ -175,16 +176,21 @@ def floored_probabilities(maps, n_maps, influence, out):  # type: ignore[no-unty
         m = maps[i]
         out[i] = abs(_determinant(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]))
         total += out[i]
-    largest = 0
+    floor = 1.0 / (influence * n_maps)
+    debt = 0.0
     for i in range(n_maps):
         out[i] = out[i] / total if total > 0.0 else 1.0 / n_maps
-        if out[i] > out[largest]:
-            largest = i
-    floor = 1.0 / (influence * n_maps)
-    for i in range(n_maps):
-        if i != largest and out[i] < floor:
-            out[largest] += out[i] - floor
+        if out[i] < floor:
+            debt += floor - out[i]
             out[i] = floor
+    for _ in range(n_maps):
+        largest = 0
+        for i in range(1, n_maps):
+            if out[i] > out[largest]:
+                largest = i
+        payment = min(debt, out[largest] - floor)
+        out[largest] -= payment
+        debt -= payment
 
 
 @kernel
@@ -225,7 +231,7 @@ def _fixed_point(m, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def _content_keys(words, n_maps, columns, out):  # type: ignore[no-untyped-def]
-    """Two 32-bit hashes of the canonical rows, mixed word by word; 32-bit operations alone, so a browser agrees."""
+    """Two 32-bit hashes of the canonical rows, word by word, in 32-bit operations that a browser has too."""
     first = np.uint32(0x8F1BBCDC)
     second = np.uint32(0xCA62C1D6)
     for i in range(n_maps):

@@ -17,7 +17,15 @@ from ray.exceptions import RayActorError, WorkerCrashedError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from fractal_farm.config import EvolutionConfig, RunConfig
-from fractal_farm.evolution.island import Candidates, EpochRecord, IslandState, Scores, advance, drive, library_after
+from fractal_farm.evolution.island import (
+    Candidates,
+    EpochRecord,
+    IslandState,
+    Scores,
+    advance,
+    drive,
+    library_after,
+)
 from fractal_farm.farm.executor import EpochDone, Finished, Inbox, MeshDone, PartDone, WorkLost
 from fractal_farm.farm.work import (
     MeshOrder,
@@ -33,13 +41,11 @@ _MESH_NICENESS = 10
 _MESH_WORKERS = 4
 
 
-@ray.remote(num_cpus=1, max_retries=-1)
 def evaluate_batch(candidates: Candidates, config: EvolutionConfig) -> Scores:
     """RIA and fitness of one batch."""
     return evaluate_candidates(candidates, config)
 
 
-@ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=0)
 class Island:
     """One island; its library is a cache of what the run knows."""
 
@@ -60,10 +66,9 @@ class Island:
 
     def _evaluate(self, candidates: Candidates) -> Scores:
         batches = split(candidates, self._batch_size)
-        return joined(ray.get([evaluate_batch.remote(batch, self._config) for batch in batches]))
+        return joined(ray.get([_EVALUATE.remote(batch, self._config) for batch in batches]))
 
 
-@ray.remote(num_cpus=0, max_restarts=0)
 class Writer:
     """Makes parts durable, on the driver's node."""
 
@@ -78,7 +83,9 @@ class Writer:
         receipt: PartReceipt = self._publisher.publish(part)
         return receipt
 
-    def store_solid(self, order: MeshOrder, made: tuple[dict[str, bytes], str | None, float]) -> tuple[float, str | None]:
+    def store_solid(
+        self, order: MeshOrder, made: tuple[dict[str, bytes], str | None, float]
+    ) -> tuple[float, str | None]:
         """Store what a mesh actor made; its files go straight from that actor to this one."""
         files, failure, seconds = made
         if failure is None:
@@ -86,7 +93,6 @@ class Writer:
         return seconds, failure
 
 
-@ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=2)
 class Mesher:
     """Makes solids at low priority."""
 
@@ -98,6 +104,13 @@ class Mesher:
         started = time.monotonic()
         files, failure = make_solid(order)
         return files, failure, time.monotonic() - started
+
+
+# Remote forms; Ray's decorators hide the types of what they wrap.
+_EVALUATE: Any = ray.remote(num_cpus=1, max_retries=-1)(evaluate_batch)
+_ISLAND: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=0)(Island)
+_WRITER: Any = ray.remote(num_cpus=0, max_restarts=0)(Writer)
+_MESHER: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=2)(Mesher)
 
 
 class RayExecutor:
@@ -120,7 +133,7 @@ class RayExecutor:
     def start_epoch(self, island: int, epoch: int, inbox: Inbox, state: IslandState) -> None:
         """Call the island's actor; the state travels only when the actor cannot have it."""
         if island not in self._islands:
-            self._islands[island] = Island.remote(self._config, island, self._batch_size)
+            self._islands[island] = _ISLAND.remote(self._config, island, self._batch_size)
         known = self._memory.get(island) == epoch - 1 and epoch > 0
         call = self._islands[island].advance.remote(epoch, inbox, None if known else state)
         self._pending[call] = ("epoch", (island, epoch))
@@ -134,7 +147,7 @@ class RayExecutor:
         busy = [what[1] for kind, what in self._pending.values() if kind == "mesh"]
         idle = [mesher for mesher in self._meshers if mesher not in busy]
         if not idle:
-            idle = [Mesher.remote()]
+            idle = [_MESHER.remote()]
             self._meshers += idle
         made = idle[0].make.remote(order)
         self._pending[self._living_writer().store_solid.remote(order, made)] = ("mesh", (order, idle[0]))
@@ -163,7 +176,7 @@ class RayExecutor:
 
     def _living_writer(self) -> Any:
         if self._writer is None:
-            self._writer = Writer.options(scheduling_strategy=self._here).remote(self._new_publisher)
+            self._writer = _WRITER.options(scheduling_strategy=self._here).remote(self._new_publisher)
         return self._writer
 
     def _finished(self, call: Any, kind: str, what: Any) -> Finished:

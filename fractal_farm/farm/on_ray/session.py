@@ -56,7 +56,11 @@ def session(address: str | None, workers: int | None) -> Iterator[int]:
     if ray.is_initialized():
         yield _processors(ray)
         return
-    options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR, "namespace": "fractal_farm"}
+    options: dict[str, Any] = {
+        "log_to_driver": False,
+        "logging_level": logging.ERROR,
+        "namespace": "fractal_farm",
+    }
     try:
         if address is None:
             ray.init(
@@ -102,7 +106,7 @@ def _check_reachable(address: str) -> None:
 def _short_temporary_directory() -> str:
     """Ray's sockets need a path of fewer than 107 characters."""
     directory = tempfile.gettempdir()
-    return directory if len(directory) < 40 and Path(directory).is_dir() else "/tmp"  # noqa: S108
+    return directory if len(directory) < 40 and Path(directory).is_dir() else "/tmp"
 
 
 @contextlib.contextmanager

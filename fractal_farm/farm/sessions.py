@@ -1,0 +1,325 @@
+"""`submit` and `resume`: one session of a run, from its preparation to the summary (DESIGN sections 4 and 5)."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import platform
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from fractal_farm.catalogue import (
+    Catalogue,
+    committed_records,
+    create_run,
+    latest_snapshot,
+    read_run,
+    record_end,
+    remove_orphans,
+    run_ids,
+    run_lock,
+)
+from fractal_farm.config import RunConfig
+from fractal_farm.errors import InputError
+from fractal_farm.evolution.island import IslandState, founding_state, library_after
+from fractal_farm.evolution.migration import sources
+from fractal_farm.farm.event_log import EventLog
+from fractal_farm.farm.events import Announcer, Callback, Progress, RunEnded, RunStarted
+from fractal_farm.farm.executor import Executor, SerialExecutor
+from fractal_farm.farm.interrupts import interrupts
+from fractal_farm.farm.mesh_queue import MeshQueue
+from fractal_farm.farm.preflight import check_disk
+from fractal_farm.farm.publisher import Publisher
+from fractal_farm.farm.records import unpack_ledger, unpack_states
+from fractal_farm.farm.run import Run
+from fractal_farm.farm.schedule import Schedule
+from fractal_farm.farm.sheet import write_sheet
+from fractal_farm.farm.work import MeshOrder
+from fractal_farm.solid import SolidParameters
+
+INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """How a session ended.
+
+    Attributes:
+        run_id: id of the run.
+        name: its name.
+        path: the catalogue.
+        reason: why it ended.
+        interrupted: whether somebody ended it before a limit was reached.
+        progress: totals of the run.
+        digest: content digest of the run's designs.
+        meshes: solids that this session made.
+        mesh_failures: designs that could not be made solid.
+        elapsed_s: seconds that all sessions of the run have worked.
+        sheet: the picture of the best designs, or None.
+    """
+
+    run_id: str
+    name: str
+    path: Path
+    reason: str
+    interrupted: bool
+    progress: Progress
+    digest: str
+    meshes: int
+    mesh_failures: int
+    elapsed_s: float
+    sheet: Path | None
+
+    @property
+    def exit_code(self) -> int:
+        """0, or 130 after an interruption."""
+        return INTERRUPTED if self.interrupted else 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        values = asdict(self)
+        return values | {"path": str(self.path), "sheet": str(self.sheet) if self.sheet else None}
+
+
+def submit(
+    config: RunConfig,
+    out: Path,
+    *,
+    address: str | None = None,
+    executor: str | None = None,
+    into: bool = False,
+    callbacks: Sequence[Callback] = (),
+) -> RunSummary:
+    """Start a run in a new catalogue, and stay with it to its end.
+
+    Args:
+        config: what to run.
+        out: directory of the catalogue; it must not exist, or be empty.
+        address: Ray cluster to work on; overrides the configuration.
+        executor: "ray" or "serial"; overrides the configuration.
+        into: add the run to an existing catalogue instead.
+        callbacks: hear the events of the run.
+
+    Raises:
+        InputError: the directory holds something else, the disk is too small, nothing answers at the address.
+        FarmError: the work failed.
+    """
+    _check_target(out, config, into)
+    check_disk(config, out)
+    with _workers(config, address, executor) as new_executor:
+        if not (into and out.exists()):
+            Catalogue.create(out)
+        description = {"config": config.to_dict(), "versions": _versions()}
+        create_run(out, config.run_id, description, config.catalogue.durability)
+        return _session(config, out, new_executor, callbacks)
+
+
+def resume(
+    path: Path,
+    *,
+    overrides: Sequence[str] = (),
+    address: str | None = None,
+    executor: str | None = None,
+    callbacks: Sequence[Callback] = (),
+) -> RunSummary:
+    """Go on with a run from its last committed epoch, or extend a finished one.
+
+    Args:
+        path: the catalogue.
+        overrides: `section.field=value`; what decides the designs cannot be changed.
+        address: Ray cluster to work on; overrides the configuration.
+        executor: "ray" or "serial"; overrides the configuration.
+        callbacks: hear the events of the run.
+
+    Raises:
+        InputError: not a catalogue, no run in it, another process works on it, or a forbidden override.
+        FarmError: the work failed.
+    """
+    run_id = only_run(path)
+    stored = read_run(path, run_id)["config"]
+    config = RunConfig.from_dict(stored, f"{path}: run.json", overrides)
+    if config.run_id != run_id:
+        raise InputError(
+            f"--set {' '.join(overrides)}: the evolution section decides the designs of run {run_id} and cannot "
+            "change; submit a new run instead"
+        )
+    if config.catalogue.keep != stored["catalogue"]["keep"]:
+        raise InputError(f"--set catalogue.keep={config.catalogue.keep}: it is fixed when the run begins")
+    check_disk(config, path)
+    with _workers(config, address, executor) as new_executor:
+        return _session(config, path, new_executor, callbacks)
+
+
+def only_run(path: Path) -> str:
+    """The id of a catalogue's run; the latest begun if it holds several."""
+    Catalogue.open(path)
+    found = run_ids(path)
+    if not found:
+        raise InputError(f"{path}: this catalogue holds no run; start one with `farm submit`")
+    return max(found, key=lambda run_id: (path / "runs" / run_id / "run.json").stat().st_mtime)
+
+
+NewExecutor = Callable[[Path], Executor]
+
+
+def _session(config: RunConfig, root: Path, new_executor: NewExecutor, callbacks: Sequence[Callback]) -> RunSummary:
+    """Work on a run under its lock, from where it stands."""
+    run_id = config.run_id
+    with run_lock(root, run_id), contextlib.ExitStack() as stack:
+        remove_orphans(root, run_id)
+        schedule, progress, elapsed_s = restore(config, root)
+        log = EventLog(root, run_id)
+        stack.callback(log.close)
+        announce = Announcer([log, *callbacks])
+        executor = new_executor(root)
+        stack.callback(executor.close)
+        interrupted = stack.enter_context(interrupts())
+        announce(
+            RunStarted(
+                run_id,
+                config.name,
+                str(root),
+                executor.name,
+                executor.workers,
+                config.evolution.islands,
+                progress.epochs,
+                config.stop.model_dump(),
+            )
+        )
+        usage = Catalogue.open(root).usage()
+        run = Run(
+            config,
+            root,
+            executor,
+            schedule,
+            progress,
+            mesh_queue(config, root),
+            announce,
+            interrupted,
+            (usage.files, usage.bytes),
+            elapsed_s,
+        )
+        reason = run.evolve()
+        run.mesh_the_rest()
+        digest = Catalogue.open(root).digest(run_id)
+        sheet = write_sheet(root, config)
+        ended = RunEnded(reason, run.progress, run.elapsed_s, digest, run.meshes, run.mesh_failures)
+        record_end(root, run_id, asdict(ended), config.catalogue.durability)
+        announce(ended)
+        return RunSummary(
+            run_id,
+            config.name,
+            root,
+            reason,
+            interrupted() is not None,
+            run.progress,
+            digest,
+            run.meshes,
+            run.mesh_failures,
+            run.elapsed_s,
+            sheet,
+        )
+
+
+def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
+    """Where a run stands, from its committed records alone.
+
+    Returns:
+        The schedule after the last committed epoch, the totals up to it, and the seconds worked so far.
+    """
+    evolution = config.evolution
+    empty = founding_state(evolution)
+    dtype = empty.library.dtype
+    states = dict.fromkeys(range(evolution.islands), empty)
+    committed = list(committed_records(root, config.run_id))
+    last = committed[-1][0][1] if committed else -1
+    lag = evolution.migration.lag
+    # Emigrants of the last `lag` epochs are still under way, so the replay begins before them.
+    if (snapshot := latest_snapshot(root, config.run_id, last - lag)) is not None:
+        states = unpack_states(snapshot[1], dtype)
+    start = states[0].epoch
+    progress, elapsed_s = Progress(), 0.0
+    outbox = []
+    for (_, until), blob in committed:
+        ledger = unpack_ledger(blob, dtype)
+        progress, elapsed_s = ledger.progress, max(elapsed_s, ledger.elapsed_s)
+        for record in ledger.records if until > start else ():
+            before = states[record.island]
+            if record.epoch == before.epoch + 1:
+                state = IslandState(record.epoch, library_after(before.library, record))
+                states[record.island] = state
+                outbox.append((record.island, record.epoch, state.library[record.emigrants]))
+    migration = evolution.migration
+    links = sources(migration.topology, evolution.islands, migration.degree, evolution.seed)
+    schedule = Schedule(links, lag, states)
+    for island, epoch, leaving in outbox:
+        if epoch > last - lag:
+            schedule.remember(island, epoch, leaving)
+    return schedule, progress, elapsed_s
+
+
+def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
+    """The designs of a run that have no solid yet."""
+    settings = config.solids
+    parameters = SolidParameters(size_mm=settings.size_mm, wall_mm=settings.wall_mm)
+    catalogue = Catalogue.open(root)
+    made = {solid.design_id for solid in catalogue.solids() if solid.parameters_hash == parameters.hash}
+    queue = MeshQueue(settings.max, settings.wall_mm / settings.size_mm, len(made))
+    for identity in made:
+        queue.skip(identity)
+    columns = ["design_id", "fitness", "gap"]
+    for row in catalogue.designs(columns, config.run_id).to_pylist():
+        if row["fitness"] > config.evolution.qualified and row["design_id"] not in made:
+            order = MeshOrder(catalogue.genome(row["design_id"]), parameters, settings.formats)
+            queue.offer(order, row["fitness"], row["gap"])
+    return queue
+
+
+@contextlib.contextmanager
+def _workers(config: RunConfig, address: str | None, executor: str | None) -> Iterator[NewExecutor]:
+    """Connect to whoever will work, before anything is written."""
+    address = address or config.execution.address
+    kind = executor or ("ray" if address else config.execution.executor)
+    if kind == "serial":
+        if address:
+            raise InputError(f"--address {address}: the serial executor works in this process; leave one of them out")
+        yield lambda root: SerialExecutor(config, _new_publisher(root, config))
+        return
+    from fractal_farm.farm.on_ray.session import session
+
+    with session(address, config.execution.workers) as processors:
+        from fractal_farm.farm.on_ray.executor import RayExecutor
+
+        workers = min(processors, config.execution.workers or processors)
+        yield lambda root: RayExecutor(config, _new_publisher(root, config), workers)
+
+
+def _new_publisher(root: Path, config: RunConfig) -> Callable[[], Publisher]:
+    attempt = len(list((root / "clouds").glob(f"{config.run_id}-*")))
+    return functools.partial(Publisher, root.resolve(), config, socket.gethostname(), attempt)
+
+
+def _check_target(out: Path, config: RunConfig, into: bool) -> None:
+    """Refuse before anything is started or written."""
+    if into and out.exists():
+        Catalogue.open(out)
+        if config.run_id in run_ids(out):
+            raise InputError(f"{out}: run {config.run_id} is in this catalogue already; `farm resume {out}`")
+        return
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        held = f"holds run {', '.join(run_ids(out))}" if out.is_dir() and run_ids(out) else "is not empty"
+        raise InputError(f"{out}: {held}; choose another --out, or go on with `farm resume {out}`")
+
+
+def _versions() -> dict[str, str]:
+    """What the bits may depend on."""
+    names = ("fractal-farm", "numpy", "numba", "llvmlite", "ray", "zarr", "pyarrow")
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for name in names:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
