@@ -37,9 +37,7 @@ def _integer_keys(value: Any) -> Any:
     """JSON has no integer keys: digits count as the number."""
     if not isinstance(value, Mapping):
         return value
-    return {
-        int(key) if isinstance(key, str) and key.isdecimal() else key: share for key, share in value.items()
-    }
+    return {int(key) if isinstance(key, str) and key.isdecimal() else key: share for key, share in value.items()}
 
 
 class LibraryConfig(Section):
@@ -89,9 +87,7 @@ class MutationConfig(Section):
 class MigrationConfig(Section):
     """Exchange between islands, by epoch numbers."""
 
-    topology: Literal["ring", "full", "random", "isolated"] = Field(
-        "ring", description="who receives from whom"
-    )
+    topology: Literal["ring", "full", "random", "isolated"] = Field("ring", description="who receives from whom")
     degree: int = Field(2, ge=1, le=1024, description="sources of an island in ring and random")
     lag: int = Field(1, ge=1, le=100, description="epochs between departure and arrival")
     emigrants: int = Field(5, ge=0, le=100_000, description="designs that leave an island after each epoch")
@@ -162,13 +158,10 @@ class EvolutionConfig(Section):
             raise ValueError(f"elimination {self.elimination} is above qualified {self.qualified}; lower it")
         bounds = self.similarity_dimension
         if bounds is not None and bounds[0] >= bounds[1]:
-            raise ValueError(
-                f"similarity_dimension is {shown(bounds)}; allowed: [low, high] with low below high"
-            )
+            raise ValueError(f"similarity_dimension is {shown(bounds)}; allowed: [low, high] with low below high")
         if self.migration.emigrants > self.library.size:
             raise ValueError(
-                f"migration.emigrants is {self.migration.emigrants}; "
-                f"allowed: up to library.size {self.library.size}"
+                f"migration.emigrants is {self.migration.emigrants}; allowed: up to library.size {self.library.size}"
             )
         for index, rows in enumerate(self.library.seeds, start=1):
             genome_from(rows, self.phenotype.phenotype(), f"evolution.library.seeds: genome {index}")
@@ -179,9 +172,7 @@ class StopConfig(Section):
     """When a run ends: whichever comes first; all null means when it is interrupted."""
 
     epochs: Count | None = Field(None, description="epochs of every island")
-    hours: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
-        None, description="hours of wall-clock time"
-    )
+    hours: Annotated[float, Field(gt=0, le=10_000)] | None = Field(None, description="hours of wall-clock time")
     evaluations: Count | None = Field(None, description="candidates evaluated")
     qualified: Count | None = Field(None, description="qualified designs in the catalogue")
     distinct: None = Field(None, description="distinct designs", json_schema_extra={"later": ["*"]})
@@ -218,18 +209,14 @@ class CatalogueConfig(Section):
     durability: Literal["full", "process"] = Field(
         "full", description="full: survives a power cut; process: survives a killed process"
     )
-    min_free_gb: float = Field(
-        2.0, ge=0, le=1e6, description="the run ends before less disk than this is free"
-    )
+    min_free_gb: float = Field(2.0, ge=0, le=1e6, description="the run ends before less disk than this is free")
 
 
 class SolidsConfig(Section):
     """Which designs become meshes, and how."""
 
     mesh: Literal["qualified"] = Field("qualified", description="which designs are meshed")
-    max: Annotated[int, Field(ge=0)] | None = Field(
-        200, description="meshes a run makes; null: every qualified design"
-    )
+    max: Annotated[int, Field(ge=0)] | None = Field(200, description="meshes a run makes; null: every qualified design")
     size_mm: float = Field(30.0, ge=1, le=1000, description="longest side of the finished solid, millimetres")
     wall_mm: float = Field(0.8, gt=0, le=100, description="thinnest wall, millimetres")
     formats: Annotated[tuple[Literal["glb", "stl", "ply"], ...], Strict(False), Field(min_length=1)] = Field(
@@ -239,9 +226,7 @@ class SolidsConfig(Section):
     @model_validator(mode="after")
     def _wall_fits(self) -> SolidsConfig:
         if self.wall_mm > self.size_mm / 2:
-            raise ValueError(
-                f"wall_mm {self.wall_mm} is more than half of size_mm {self.size_mm}; make it thinner"
-            )
+            raise ValueError(f"wall_mm {self.wall_mm} is more than half of size_mm {self.size_mm}; make it thinner")
         if len(set(self.formats)) < len(self.formats):
             raise ValueError(f"formats is {shown(self.formats)}; name each format once")
         return self
@@ -300,9 +285,7 @@ class RunConfig(Section):
         return hashlib.blake2b(text.encode(), digest_size=8, person=b"farm-run").hexdigest()
 
     @classmethod
-    def _from(
-        cls, values: Mapping[str, Any], source: str, directory: Path, overrides: Sequence[str]
-    ) -> RunConfig:
+    def _from(cls, values: Mapping[str, Any], source: str, directory: Path, overrides: Sequence[str]) -> RunConfig:
         tree = copy.deepcopy(dict(values))
         changed = [override_value(tree, override) for override in overrides]
         _load_seeds(tree, Path() if "evolution.library.seeds" in changed else directory)

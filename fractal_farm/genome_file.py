@@ -76,7 +76,8 @@ def load_genomes(path: Path | str, phenotype: Phenotype | None = None) -> list[t
         raise InputError(explain(error, GenomesFile, lambda _key: str(path))) from None
     shape = file.phenotype.phenotype() if file.phenotype else phenotype or Phenotype()
     return [
-        (name, genome_from(value, shape, f"{path}: genome {name}")) for name, value in file.genomes.items()
+        (name, genome_from(value, shape, f"{path}: genome {' '.join(name.split())}"))
+        for name, value in file.genomes.items()
     ]
 
 
@@ -91,9 +92,7 @@ def seed_rows(path: Path, phenotype: Phenotype) -> list[list[list[float]]]:
         if genome.phenotype != phenotype:
             raise InputError(f"{path}: its phenotype differs from that of the run; make them equal")
         if genome.probabilities is not None:
-            raise InputError(
-                f"{path}: genome {name} has probabilities set by hand; a seed has none, remove them"
-            )
+            raise InputError(f"{path}: genome {name} has probabilities set by hand; a seed has none, remove them")
     return [genome.genes.tolist() for _name, genome in seeds]
 
 
@@ -120,9 +119,7 @@ def _rows(genes: Any, name: str) -> Any:
     rows = [_numbers(row, f"{name} map {index}") for index, row in enumerate(genes, start=1)]
     lengths = {len(row) for row in rows}
     if len(lengths) > 1:
-        raise InputError(
-            f"{name}: rows of {', '.join(map(str, sorted(lengths)))} numbers; give rows of equal length"
-        )
+        raise InputError(f"{name}: rows of {', '.join(map(str, sorted(lengths)))} numbers; give rows of equal length")
     return rows
 
 

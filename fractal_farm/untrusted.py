@@ -7,6 +7,7 @@ an `InputError` of one line. `explain` puts pydantic's errors into such lines, w
 from __future__ import annotations
 
 import difflib
+import functools
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -43,9 +44,7 @@ def read_yaml(path: Path) -> dict[Any, Any]:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; check the path") from None
     except OSError as error:
-        raise InputError(
-            f"{path}: {(error.strerror or 'not readable').lower()}; give a readable file"
-        ) from None
+        raise InputError(f"{path}: {(error.strerror or 'not readable').lower()}; give a readable file") from None
     if len(content) > SIZE_LIMIT:
         raise InputError(f"{path}: larger than 1 MiB; split the file")
     try:
@@ -94,18 +93,17 @@ def override_value(tree: dict[Any, Any], override: str) -> str:
     """
     key, equals, text = override.partition("=")
     parts = key.strip().split(".")
+    source = f"--set {_one_line(override)}"
     if not equals or not all(parts):
-        raise InputError(f"--set {override}: not an override; write section.field=value")
+        raise InputError(f"{source}: not an override; write section.field=value")
     node = tree
     for depth, part in enumerate(parts[:-1], start=1):
         if node.get(part) is None:
             node[part] = {}
         node = node[part]
         if not isinstance(node, dict):
-            raise InputError(
-                f"--set {override}: {'.'.join(parts[:depth])} is {shown(node)}; it has no fields"
-            )
-    node[parts[-1]] = parse_yaml(text, f"--set {override}")
+            raise InputError(f"{source}: {'.'.join(parts[:depth])} is {shown(node)}; it has no fields")
+    node[parts[-1]] = parse_yaml(text, source)
     return ".".join(parts)
 
 
@@ -121,11 +119,11 @@ def explain(error: ValidationError, model: type[BaseModel], source_of: Callable[
     location = list(first["loc"])
     key = ".".join(str(part) for part in location if part != "[key]")
     more = f" (and {len(others)} more)" if others else ""
-    return f"{source_of(key)}: {_sentence(dict(first), location, key, model)}{more}"
+    return _one_line(f"{source_of(key)}: {_sentence(dict(first), location, key, model)}{more}")
 
 
 def _sentence(error: dict[str, Any], location: list[Any], key: str, model: type[BaseModel]) -> str:
-    schema = model.model_json_schema()
+    schema = _schema(model)
     if error["type"] in ("extra_forbidden", "invalid_key"):
         known = list(_descend(schema, location[:-1]).get("properties", {}))
         close = difflib.get_close_matches(str(location[-1]), known, n=1)
@@ -212,6 +210,11 @@ def _range(field: Mapping[str, Any]) -> str:
     return "".join(f" {part}" for part in parts)
 
 
+@functools.cache
+def _schema(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
+
+
 def _resolved(field: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str, Any]:
     while "$ref" in field:
         field = schema["$defs"][field["$ref"].rpartition("/")[2]]
@@ -261,9 +264,7 @@ class _PlainLoader(yaml.SafeLoader):
             if isinstance(key, (list, dict, set)):
                 raise yaml.MarkedYAMLError(problem="a key must be a word", problem_mark=key_node.start_mark)
             if key in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key!r} appears twice", problem_mark=key_node.start_mark
-                )
+                raise yaml.MarkedYAMLError(problem=f"the key {key!r} appears twice", problem_mark=key_node.start_mark)
             seen.add(key)
         return super().construct_mapping(node, deep)
 

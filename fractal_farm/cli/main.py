@@ -93,7 +93,7 @@ def _options(
 
 def _usage(error: typer.TyperException) -> str:
     """What is wrong with the arguments, and where help is."""
-    message = _one_line(error.format_message()).rstrip(".").replace(". Did", "; did").replace(".;", ";")
+    message = _one_line(error.format_message()).rstrip(".").replace(". Did", "; did")
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "farm"
     return f"{message[:1].lower()}{message[1:]}; see {command} --help"
