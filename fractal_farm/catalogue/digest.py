@@ -1,6 +1,6 @@
 """The content digest: what was found, however it was scheduled, stored or resumed (DESIGN section 4).
 
-blake2b over the rows in order of design_id of (design_id, genes, maps, probabilities, scores, descriptor,
+blake2b over the rows in order of design_id of (design_id, kind, genes, maps, probabilities, scores, descriptor,
 gap, parents, operator, birth place, checksum of the cloud). Times, writers, places of storage and snapshots
 stay out.
 """
@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 
 from fractal_farm.catalogue.schema import DESCRIPTOR_LENGTH
 
-_TEXTS = ("design_id", "operator")
+_TEXTS = ("design_id", "kind", "operator")
 _NUMBERS = ("d0", "d2", "lle", "fitness", "gap")
 _INTEGERS = ("island", "epoch", "generation", "slot", "cloud_crc32c")
 _LISTS = ("genes", "maps", "probabilities", "parents")

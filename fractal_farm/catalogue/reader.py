@@ -25,7 +25,7 @@ from fractal_farm.catalogue.layout import CLOUDS, FEATURES, FORMAT, PartName
 from fractal_farm.catalogue.parts import list_parts, read_rows
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
-from fractal_farm.catalogue.schema import DESIGN_SCHEMA, ORDER_OF_BIRTH
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH
 from fractal_farm.catalogue.shards import ATTRIBUTE, group_metadata
 from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
 from fractal_farm.errors import FarmError, InputError
@@ -33,8 +33,8 @@ from fractal_farm.ifs.genome import Genome
 
 _ROOT = "zarr.json"
 _SHORTEST_PREFIX = 4
-_RANK = ("design_id", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
-"""Of rows with equal design_id the first in this order stands."""
+_RANK = ("design_id", "kind", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
+"""Of rows with equal design_id the first in this order stands; a design comes before an ancestor."""
 
 
 @dataclass(frozen=True)
@@ -110,12 +110,15 @@ class Catalogue:
             )
         return cls(root)
 
-    def designs(self, columns: Sequence[str] | None = None, run_id: str | None = None) -> Any:
+    def designs(
+        self, columns: Sequence[str] | None = None, run_id: str | None = None, *, ancestors: bool = False
+    ) -> Any:
         """The designs committed so far, each once, best first.
 
         Args:
             columns: names of `schema.DESIGN_SCHEMA`; all if None.
             run_id: only designs that this run kept.
+            ancestors: also parents of designs that were not kept themselves (kind "ancestor").
 
         Returns:
             pyarrow Table, sorted by (-fitness, design_id). Of equal design_ids the row smallest in (epoch,
@@ -131,6 +134,8 @@ class Catalogue:
         parts = list_parts(self.path, run_id)
         table = self._rows(parts, [*dict.fromkeys([*wanted, *_RANK, "fitness"])])
         standing = _first_of_each(table)
+        if not ancestors:
+            standing = standing.filter(pc.equal(table.column("kind").take(standing), KINDS[0]))
         keys = table.select(["fitness", "design_id"]).take(standing)
         order = pc.sort_indices(keys, [("fitness", "descending"), ("design_id", "ascending")])
         return table.select(wanted).take(standing.take(order))
@@ -183,8 +188,8 @@ class Catalogue:
         return DenseClouds(self._arrays, self.designs(CLOUD_COLUMNS, run_id).slice(0, limit))
 
     def digest(self, run_id: str | None = None) -> str:
-        """The content digest, 32 hex digits: equal for equal results, however they came about."""
-        return content_digest(self.designs(DIGEST_COLUMNS, run_id))
+        """The content digest, 32 hex digits: equal for equal results, however they came about; ancestors count."""
+        return content_digest(self.designs(DIGEST_COLUMNS, run_id, ancestors=True))
 
     def runs(self) -> list[RunInfo]:
         """The runs of this catalogue, in order of their ids."""
@@ -267,7 +272,7 @@ class Catalogue:
 
 def _first_of_each(table: Any) -> Any:
     """Indices of the rows that stand, one for each design_id, in order of design_id."""
-    order = pc.sort_indices(table, [(name, "ascending") for name in _RANK])
+    order = pc.sort_indices(table, [(name, "descending" if name == "kind" else "ascending") for name in _RANK])
     ids = np.array(table.column("design_id").to_pylist(), "S32")[order.to_numpy()]
     first = np.ones(len(ids), bool)
     first[1:] = ids[1:] != ids[:-1]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from fractal_farm.catalogue.schema import GIVEN_SCHEMA
+from fractal_farm.catalogue.schema import GIVEN_SCHEMA, KINDS
 from fractal_farm.errors import FarmError
 from fractal_farm.ifs.genome import ROW_LENGTH, Genome, Phenotype
 from fractal_farm.ifs.maps import resolved_maps, selection_probabilities
@@ -23,7 +23,7 @@ def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] 
         genomes: m valid genomes; they give the columns from design_id to probabilities.
         columns: column name -> m values, for those that a genome does not give: island, epoch, generation,
             slot, d0, d2, lle, fitness, d0_error, d2_error, descriptor (m, 14), similarity_dimension, gap,
-            niche, parents, operator. What is missing becomes null.
+            niche, parents, operator; kind is "design" unless it is given. What is missing becomes null.
 
     Raises:
         FarmError: an unknown column, or one with other than m values.
@@ -32,6 +32,7 @@ def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] 
     phenotypes = [genome.phenotype for genome in genomes]
     known: dict[str, Any] = {
         "design_id": [genome.design_id for genome in genomes],
+        "kind": [KINDS[0]] * len(genomes),
         "n_maps": [genome.n_maps for genome in genomes],
         "family": [phenotype.family for phenotype in phenotypes],
         "influence": [phenotype.influence for phenotype in phenotypes],

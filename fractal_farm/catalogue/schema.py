@@ -1,4 +1,4 @@
-"""The manifest's columns: one row is one kept design (research 'storage', 4.3; DESIGN section 5, 'Row').
+"""The manifest's columns: one row is one kept design, or an ancestor of one (research 'storage', 4.3; DESIGN, 5).
 
 Every column has a unit and a meaning in its metadata. Minor versions may add nullable columns at the end;
 readers ignore what they do not know and find null in what an older part does not have.
@@ -48,6 +48,7 @@ PLACE = (
 
 DESIGN = (
     Column("design_id", _TEXT, "", "32 hex digits, hash of the canonical genome; primary key"),
+    Column("kind", _TEXT, "", "design, or ancestor: a design's parent that was not kept, without a cloud"),
     Column("island", pa.int16(), "", "island of birth"),
     Column("epoch", pa.int32(), "", "epoch of birth"),
     Column("generation", pa.int32(), "", "generation of birth"),
@@ -85,6 +86,7 @@ DESIGN = (
 OPTIONAL = frozenset({"niche", "gap", "similarity_dimension", "descriptor", "d0_error", "d2_error"})
 """Columns that a commit may leave out; they become null."""
 
+KINDS = ("design", "ancestor")
 ORDER_OF_BIRTH = ("epoch", "island", "generation", "slot")
 
 

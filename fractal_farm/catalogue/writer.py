@@ -7,18 +7,19 @@ writer's names are its own for ever, so writers need no lock between them; a res
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 
 from fractal_farm.catalogue.durable import Durability, put, put_all
 from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, FORMAT, checked_run_id, crc32c, new_writer
 from fractal_farm.catalogue.parts import Footer, encoded_part
-from fractal_farm.catalogue.schema import DESIGN_SCHEMA, GIVEN_SCHEMA, OPTIONAL
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA, GIVEN_SCHEMA, KINDS, OPTIONAL
 from fractal_farm.catalogue.shards import (
     CAPACITY,
     POINTS,
@@ -56,6 +57,7 @@ class _Pending:
     files: dict[Path, bytes]
     part: Path
     content: bytes
+    shards: int
     receipt: CommitReceipt
 
 
@@ -114,9 +116,10 @@ class RunWriter:
         Committing the same epochs twice is harmless: readers drop the second copy.
 
         Args:
-            designs: `schema.GIVEN_SCHEMA` table of m >= 0 designs (`rows.design_table` makes one).
-            clouds: their m clouds in the same order; required if clouds are kept and m > 0, otherwise None
-                leaves the checksum of the cloud empty.
+            designs: `schema.GIVEN_SCHEMA` table (`rows.design_table` makes one); m >= 0 of its rows are of kind
+                "design", the others "ancestor".
+            clouds: the clouds of the m designs in their order; required if clouds are kept and m > 0, otherwise
+                None leaves their checksums empty.
             records: opaque bytes, given back by `records.committed_records`.
             epochs: first and last epoch of the records.
 
@@ -139,7 +142,7 @@ class RunWriter:
         put(pending.part, pending.content, self._durability)
         self._pending = None
         self._seq += 1
-        self._next_shard += -(-pending.receipt.rows // SHARD) if pending.files else 0
+        self._next_shard += pending.shards
         self._announced = self._announced or bool(pending.files)
         return pending.receipt
 
@@ -158,7 +161,8 @@ class RunWriter:
         epochs: tuple[int, int],
     ) -> _Pending:
         given = _checked(designs)
-        count = given.num_rows
+        kept = np.array([kind == KINDS[0] for kind in given.column("kind").to_pylist()], bool)
+        count = int(kept.sum())
         if clouds is not None and clouds.points.shape != (count, self._n_points, 3):
             raise FarmError(
                 f"commit of {count} designs: clouds of shape {clouds.points.shape}; this writer stores "
@@ -167,12 +171,14 @@ class RunWriter:
         stored = self._clouds == "kept" and count > 0
         if stored and clouds is None:
             raise FarmError(f"commit of {count} designs without clouds, by a writer that keeps them")
-        if self._next_shard + -(-count // SHARD) > CAPACITY // SHARD:
+        shards = -(-count // SHARD) if stored else 0
+        if self._next_shard + shards > CAPACITY // SHARD:
             self._begin()
         directory = self._root / CLOUDS / self._name
         files: dict[Path, bytes] = {}
         if stored and clouds is not None:
-            chunks = shard_files(clouds, given.column("design_id").to_pylist(), self._next_shard)
+            ids = given.column("design_id").filter(pa.array(kept)).to_pylist()
+            chunks = shard_files(clouds, ids, self._next_shard)
             files = {directory / chunk: content for chunk, content in chunks.items()}
         listed = files if not stored or self._announced else {**self._metadata(), **files}
         footer = Footer(
@@ -183,15 +189,22 @@ class RunWriter:
                 for path, content in listed.items()
             },
         )
-        rows = self._placed(given, clouds, stored)
+        rows = self._placed(given, kept, clouds, stored)
         name, content = encoded_part(rows, self._name, self._seq, footer)
         part = self._root / DESIGNS / name.file_name
-        receipt = CommitReceipt(self._seq, count, len(listed) + 1, len(content) + sum(map(len, listed.values())))
-        return _Pending(key, files, part, content, receipt)
+        receipt = CommitReceipt(
+            self._seq, given.num_rows, len(listed) + 1, len(content) + sum(map(len, listed.values()))
+        )
+        return _Pending(key, files, part, content, shards, receipt)
 
-    def _placed(self, given: Any, clouds: QuantisedClouds | None, stored: bool) -> Any:
-        """The given rows with the columns that say where and how their clouds are stored."""
+    def _placed(self, given: Any, kept: npt.NDArray[np.bool_], clouds: QuantisedClouds | None, stored: bool) -> Any:
+        """The given rows with the columns that say where and how the clouds of those kept are stored."""
         count = given.num_rows
+        clouds_before = np.cumsum(kept) - 1
+
+        def of_clouds(values: Sequence[Any] | npt.NDArray[Any]) -> list[Any]:
+            return [values[i] if mine else None for i, mine in zip(clouds_before, kept, strict=True)]
+
         place: dict[str, Any] = {
             "run_id": [self._run_id] * count,
             "writer": [self._name] * count,
@@ -199,12 +212,14 @@ class RunWriter:
             "created_us": [dt.datetime.now(dt.UTC)] * count,
         }
         if stored:
-            place["cloud_array"] = [POINTS] * count
-            place["cloud_row"] = np.arange(count) + self._next_shard * SHARD
+            cloud_rows = np.arange(kept.sum()) + self._next_shard * SHARD
+            place["cloud_array"] = of_clouds([POINTS] * len(cloud_rows))
+            place["cloud_row"] = of_clouds(cloud_rows)
         if clouds is not None:
-            place["origin"] = list(clouds.origin)
-            place["scale"] = clouds.scale
-            place["cloud_crc32c"] = [crc32c(q.astype("<u2", copy=False).tobytes()) for q in clouds.points]
+            checksums = [crc32c(points.astype("<u2", copy=False).tobytes()) for points in clouds.points]
+            place["origin"] = of_clouds(clouds.origin)
+            place["scale"] = of_clouds(clouds.scale)
+            place["cloud_crc32c"] = of_clouds(checksums)
         arrays = []
         for field in DESIGN_SCHEMA:
             if field.name in place:
