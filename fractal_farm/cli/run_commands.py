@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
-from fractal_farm.cli.output import AsJson, duration, print_facts, print_json, results_only_on_stdout, say
+from fractal_farm.cli.output import AsJson, byte_count, duration, print_facts, print_json, results_only_on_stdout, say
 
 if TYPE_CHECKING:
     from fractal_farm.farm import RunSummary
@@ -102,7 +102,7 @@ def status(directory: DirectoryArgument, as_json: AsJson = False) -> None:
     if as_json:
         print_json(facts)
     else:
-        print_facts(_flat(facts))
+        print_facts(_status_facts(facts))
 
 
 def _name(executor: ExecutorName | None) -> str | None:
@@ -144,16 +144,22 @@ def _report(summary: RunSummary, as_json: bool) -> int:
     return summary.exit_code
 
 
-def _flat(facts: dict[str, Any], above: str = "") -> dict[str, Any]:
-    """Nested facts as one level of names."""
-    flat: dict[str, Any] = {}
-    for key, value in facts.items():
-        name = f"{above}{key}".replace("_", " ")
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{name} ")
-        elif isinstance(value, list) and value and isinstance(value[0], dict):
-            for index, item in enumerate(value, start=1):
-                flat |= _flat(item, f"{name} {index} ")
-        else:
-            flat[name] = value
-    return flat
+def _status_facts(facts: dict[str, Any]) -> dict[str, Any]:
+    """A run's state as a person reads it."""
+    reason = f", {facts['reason']}" if facts["reason"] else ""
+    counts = ", ".join(f"{number:,} of {maps} maps" for maps, number in sorted(facts["n_maps"].items()))
+    failed = f", {facts['mesh_failures']} failed" if facts["mesh_failures"] else ""
+    forecast = facts["forecast"]
+    return {
+        "run": f"{facts['name']} ({facts['run_id']}): {facts['state']}{reason}",
+        "designs": f"{facts['designs']:,}" + (f": {counts}" if counts else ""),
+        "qualified": f"{facts['kept_qualified']:,} of them; {facts['printable']:,} in one piece at the run's wall",
+        "evaluated": f"{facts['evaluated']:,} in {facts['epochs']:,} epochs and {duration(facts['elapsed_s'])} "
+        f"({facts['rate']:,.0f}/s)",
+        "best fitness": f"{facts['best_fitness']:.4f}",
+        "meshes": f"{facts['meshes']:,}{failed}",
+        "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files",
+        f"after {forecast['hours']:g} hours": f"{forecast['gigabytes']:.1f} GB in {forecast['files']:,.0f} files, "
+        f"{forecast['rows']:,.0f} designs",
+        "digest": facts["digest"],
+    }
