@@ -1,0 +1,308 @@
+"""Gap of a design: how far apart its pieces are (DESIGN section 6, point 2).
+
+The gap is the longest edge of the minimum spanning tree between the first-level pieces f_i(A), over the longest side of
+the attractor's exact box. Deeper gaps are contracted by the maps, so the points within r of the attractor are one body
+as soon as 2 r >= gap x size. Distances are found by branch and bound over pairs of pieces f_v(A), f_w(A): a pair lies
+between the distance of its balls and that of two points of the attractor.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.ifs.enclosure import (
+    Enclosure,
+    compose,
+    contraction_of,
+    distance,
+    enclose,
+    image,
+    new_enclosure,
+)
+from fractal_farm.ifs.genome import MAX_MAPS, Genome, as_genome
+from fractal_farm.ifs.kernel import kernel
+from fractal_farm.ifs.random_iteration import system_of
+from fractal_farm.ifs.support import longest_side, tighten_box
+
+TOLERANCE = 1e-3
+BOX_TOLERANCE = 2e-4
+MAX_PIECES = 32_768
+MAX_PAIRS = 65_536
+MAX_BOX_NODES = 4_000
+_POINT = 1e-12
+
+
+class GapWorkspace(NamedTuple):
+    """Working space of `gap_of_maps`, allocated once for many systems.
+
+    Attributes:
+        enclosure: `Enclosure`, afterwards that of the attractor.
+        words: (MAX_PIECES, 12) float64, the words of the address tree as 3 x 4 maps.
+        pieces: (MAX_PIECES, 8) float64, for each: centre, a point of the attractor, radius, contraction.
+        children: (MAX_PIECES,) int64, index of the first of N children, 0 where there are none yet.
+        n_pieces: (1,) int64, how many there are.
+        keys: (MAX_PAIRS,) float64, a heap of pairs of pieces.
+        pairs: (MAX_PAIRS, 2) int64, the two pieces of each.
+    """
+
+    enclosure: Enclosure
+    words: npt.NDArray[np.float64]
+    pieces: npt.NDArray[np.float64]
+    children: npt.NDArray[np.int64]
+    n_pieces: npt.NDArray[np.int64]
+    keys: npt.NDArray[np.float64]
+    pairs: npt.NDArray[np.int64]
+
+
+def gap(genome: Genome | npt.ArrayLike) -> float:
+    """Longest edge of the minimum spanning tree between the pieces f_i(A), over the longest side of the box of A.
+
+    Args:
+        genome: a `Genome` or an (N, 7) array.
+
+    Returns:
+        The gap, dimensionless, at least 0: never below the true value, and above it by at most `TOLERANCE`, except
+        where the search ends at its bound on pairs (one evolved design in a hundred, pieces that interlock closely);
+        there it is the distance of the closest points found, so that a wall of gap x size still makes one body.
+
+    Raises:
+        InputError: the genome is invalid.
+    """
+    valid = as_genome(genome)
+    value, _, _ = gap_of_maps(system_of(valid).maps, valid.n_maps, new_gap_workspace())
+    return float(value)
+
+
+@kernel
+def new_gap_workspace():  # type: ignore[no-untyped-def]
+    """Working space for `gap_of_maps`."""
+    return GapWorkspace(
+        new_enclosure(),
+        np.empty((MAX_PIECES, 12)),
+        np.empty((MAX_PIECES, 8)),
+        np.empty(MAX_PIECES, np.int64),
+        np.zeros(1, np.int64),
+        np.empty(MAX_PAIRS),
+        np.empty((MAX_PAIRS, 2), np.int64),
+    )
+
+
+@kernel
+def gap_of_maps(maps, n_maps, workspace):  # type: ignore[no-untyped-def]
+    """The gap of one system of maps; see `gap`.
+
+    Args:
+        maps: (M, 12) float64, row-major 3 x 4 maps in canonical order, the first n_maps count (`System.maps`, or an
+            (N, 3, 4) array reshaped); every spectral norm below 1.
+        n_maps: number of maps.
+        workspace: `GapWorkspace`; leaves the attractor's enclosure behind.
+
+    Returns:
+        The gap; by how much it can exceed the true one; and the number of pairs that were split.
+    """
+    enclosure = workspace.enclosure
+    enclose(maps, n_maps, enclosure)
+    tighten_box(maps, n_maps, BOX_TOLERANCE, 0.0, MAX_BOX_NODES, enclosure)
+    side = longest_side(enclosure.attained)
+    offset = 0.0
+    for i in range(n_maps):
+        offset = max(offset, abs(maps[i, 3]), abs(maps[i, 7]), abs(maps[i, 11]))
+    if side <= _POINT * offset:
+        return 0.0, 0.0, 0
+    _plant(maps, n_maps, workspace)
+    return _spanning_tree(maps, n_maps, side, workspace)
+
+
+@kernel
+def _spanning_tree(maps, n_maps, side, workspace):  # type: ignore[no-untyped-def]
+    """Kruskal's algorithm; a distance is found only when its lower bound is the least of those that still matter."""
+    lower = np.zeros((MAX_MAPS, MAX_MAPS))
+    excess = np.zeros((MAX_MAPS, MAX_MAPS))
+    found = np.zeros((MAX_MAPS, MAX_MAPS), np.bool_)
+    group = np.arange(n_maps)
+    for i in range(n_maps):
+        for j in range(i):
+            lower[i, j] = _between(1 + i, 1 + j, workspace)
+    longest = 0.0
+    uncertain = 0.0
+    splits = 0
+    trees = n_maps
+    while trees > 1:
+        a = -1
+        b = -1
+        for i in range(n_maps):
+            for j in range(i):
+                if group[i] != group[j] and (a < 0 or lower[i, j] < lower[a, b]):
+                    a = i
+                    b = j
+        if not found[a, b]:
+            lower[a, b], excess[a, b], used = _piece_distance(
+                maps, n_maps, 1 + a, 1 + b, longest, TOLERANCE * side, MAX_PAIRS - splits, workspace
+            )
+            found[a, b] = True
+            splits += used
+            continue
+        longest = max(longest, lower[a, b])
+        uncertain = max(uncertain, excess[a, b])
+        joined = group[a]
+        for k in range(n_maps):
+            if group[k] == joined:
+                group[k] = group[b]
+        trees -= 1
+    return longest / side, uncertain / side, splits
+
+
+@kernel
+def _piece_distance(maps, n_maps, a, b, floor, tolerance, max_splits, workspace):  # type: ignore[no-untyped-def]
+    """Distance of two pieces, best pairs first.
+
+    Args:
+        maps: (M, 12) float64 maps.
+        n_maps: number of maps.
+        a: index of a piece.
+        b: index of another.
+        floor: a distance known to be no more than this need not be known better.
+        tolerance: how close the answer shall be, IFS units.
+        max_splits: how many pairs may be split.
+        workspace: `GapWorkspace`.
+
+    Returns:
+        A distance between two points of the pieces; by how much it can exceed the least; how many pairs were split.
+    """
+    pieces = workspace.pieces
+    best = _apart(a, b, workspace)
+    low = 0.0
+    splits = 0
+    height = _push(0, a, b, best, workspace)
+    while height > 0:
+        low = max(workspace.keys[0], 0.0)
+        if best <= max(floor, tolerance) or low >= best - tolerance:
+            return best, min(best - low, tolerance), splits
+        if splits >= max_splits or height + n_maps > MAX_PAIRS or workspace.n_pieces[0] + n_maps > MAX_PIECES:
+            return best, best - low, splits
+        a = workspace.pairs[0, 0]
+        b = workspace.pairs[0, 1]
+        height = _pop(height, workspace)
+        splits += 1
+        if pieces[a, 6] < pieces[b, 6]:
+            a, b = b, a
+        if workspace.children[a] == 0:
+            _split(maps, n_maps, a, workspace)
+        for k in range(n_maps):
+            child = workspace.children[a] + k
+            best = min(best, _apart(child, b, workspace))
+            height = _push(height, child, b, best - tolerance, workspace)
+    return best, tolerance, splits
+
+
+@kernel
+def _plant(maps, n_maps, workspace):  # type: ignore[no-untyped-def]
+    """The root of the address tree and its children, the first-level pieces 1..N."""
+    workspace.words[0] = 0.0
+    for axis in range(3):
+        workspace.words[0, 5 * axis] = 1.0
+    workspace.n_pieces[0] = 1
+    _place(0, 1.0, workspace)
+    _split(maps, n_maps, 0, workspace)
+
+
+@kernel
+def _split(maps, n_maps, a, workspace):  # type: ignore[no-untyped-def]
+    """Make the children of a piece."""
+    first = workspace.n_pieces[0]
+    workspace.children[a] = first
+    for i in range(n_maps):
+        word = workspace.words[first + i]
+        compose(workspace.words[a], maps[i], word)
+        product = workspace.pieces[a, 7] * workspace.enclosure.contraction[i]
+        _place(first + i, contraction_of(word, product, workspace.enclosure.exact[0]), workspace)
+    workspace.n_pieces[0] = first + n_maps
+
+
+@kernel
+def _place(a, size, workspace):  # type: ignore[no-untyped-def]
+    """Centre, point, radius and contraction of a piece from its word."""
+    ball = workspace.enclosure.ball
+    anchor = workspace.enclosure.anchor
+    word = workspace.words[a]
+    piece = workspace.pieces[a]
+    piece[0], piece[1], piece[2] = image(word, ball[0], ball[1], ball[2])
+    piece[3], piece[4], piece[5] = image(word, anchor[0], anchor[1], anchor[2])
+    piece[6] = size * ball[3]
+    piece[7] = size
+    workspace.children[a] = 0
+
+
+@kernel(inline="always")
+def _apart(a, b, workspace):  # type: ignore[no-untyped-def]
+    """Distance of the points of two pieces: no less than that of the pieces."""
+    p = workspace.pieces[a]
+    q = workspace.pieces[b]
+    return distance(p[3], p[4], p[5], q[3], q[4], q[5])
+
+
+@kernel(inline="always")
+def _between(a, b, workspace):  # type: ignore[no-untyped-def]
+    """Distance of the balls of two pieces, negative where they overlap: no more than that of the pieces."""
+    p = workspace.pieces[a]
+    q = workspace.pieces[b]
+    return distance(p[0], p[1], p[2], q[0], q[1], q[2]) - p[6] - q[6]
+
+
+@kernel
+def _push(height, a, b, limit, workspace):  # type: ignore[no-untyped-def]
+    """Put a pair on the heap unless its pieces are at least `limit` apart; returns the new height.
+
+    Pairs of overlapping balls know nothing of their distance; those whose points are closest come first.
+    """
+    key = _between(a, b, workspace)
+    if key >= limit:
+        return height
+    if key <= 0.0:
+        key = -1.0 / max(_apart(a, b, workspace), 1e-300)
+    keys = workspace.keys
+    pairs = workspace.pairs
+    place = height
+    while place > 0:
+        above = (place - 1) >> 1
+        if keys[above] <= key:
+            break
+        keys[place] = keys[above]
+        pairs[place, 0] = pairs[above, 0]
+        pairs[place, 1] = pairs[above, 1]
+        place = above
+    keys[place] = key
+    pairs[place, 0] = a
+    pairs[place, 1] = b
+    return height + 1
+
+
+@kernel
+def _pop(height, workspace):  # type: ignore[no-untyped-def]
+    """Take the first pair off the heap; returns the new height."""
+    keys = workspace.keys
+    pairs = workspace.pairs
+    height -= 1
+    key = keys[height]
+    a = pairs[height, 0]
+    b = pairs[height, 1]
+    place = 0
+    while True:
+        below = 2 * place + 1
+        if below >= height:
+            break
+        if below + 1 < height and keys[below + 1] < keys[below]:
+            below += 1
+        if keys[below] >= key:
+            break
+        keys[place] = keys[below]
+        pairs[place, 0] = pairs[below, 0]
+        pairs[place, 1] = pairs[below, 1]
+        place = below
+    keys[place] = key
+    pairs[place, 0] = a
+    pairs[place, 1] = b
+    return height
