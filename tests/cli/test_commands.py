@@ -1,0 +1,255 @@
+"""Commands on the catalogue of a real run: what they print is what the library says."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+import trimesh
+from PIL import Image
+
+from fractal_farm.catalogue import Catalogue
+from fractal_farm.cli import main
+from fractal_farm.ifs.maps import selection_probabilities
+from tests.cli.conftest import CONFIGS, submit_arguments
+
+
+def output(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """What a successful command prints on stdout."""
+    capsys.readouterr()
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    assert code == 0, err
+    return out
+
+
+def result(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+    """What a successful command prints as JSON."""
+    return json.loads(output(capsys, *arguments, "--json"))
+
+
+def best(directory: Path) -> dict[str, Any]:
+    row: dict[str, Any] = Catalogue.open(directory).designs().slice(0, 1).to_pylist()[0]
+    return row
+
+
+def test_submit_prints_only_json_on_stdout(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    summary = json.loads(output(capsys, *submit_arguments(tmp_path / "run", "--set", "solids.max=0", "--json")))
+    assert summary["progress"]["epochs"] == 2
+    assert summary["digest"] == Catalogue.open(tmp_path / "run").digest()
+    assert Path(summary["sheet"]).is_file()
+
+
+def test_a_directory_that_holds_another_run_is_left_alone(
+    capsys: pytest.CaptureFixture[str], run_directory: Path
+) -> None:
+    before = sorted(run_directory.rglob("*"))
+    assert main(submit_arguments(run_directory)) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert str(run_directory) in err
+    assert sorted(run_directory.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        (["--set", "catalogue.min_free_gb=1e6"], "min_free_gb"),
+        (["--address", "127.0.0.1:1"], "--address 127.0.0.1:1"),
+    ],
+)
+def test_a_run_that_cannot_start_writes_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, more: list[str], reason: str
+) -> None:
+    arguments = [word for word in submit_arguments(tmp_path / "run") if word not in ("--executor", "serial")]
+    assert main([*arguments, *more]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert reason in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_resume_refuses_another_evolution(capsys: pytest.CaptureFixture[str], run_directory: Path) -> None:
+    assert main(["resume", str(run_directory), "--set", "evolution.seed=1"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_resumed_run_goes_on_to_the_digest_of_one_long_run(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, run_directory: Path
+) -> None:
+    short = tmp_path / "short"
+    arguments = ["--set", "stop.epochs=1", "--set", "solids.max=0", "--json"]
+    output(capsys, *submit_arguments(short, *arguments))
+    resumed = result(capsys, "resume", short, "--executor", "serial", "--set", "stop.epochs=2", "--set", "solids.max=0")
+    assert resumed["digest"] == Catalogue.open(run_directory).digest()
+
+
+def test_status_has_the_digest_and_a_forecast(capsys: pytest.CaptureFixture[str], run_directory: Path) -> None:
+    facts = result(capsys, "status", run_directory)
+    catalogue = Catalogue.open(run_directory)
+    assert facts["digest"] == catalogue.digest()
+    assert facts["designs"] == catalogue.designs().num_rows
+    assert facts["files"] == catalogue.usage().files
+    assert {"files", "gigabytes", "rows"} <= set(facts["forecast"])
+    assert facts["digest"] in output(capsys, "status", run_directory)
+
+
+def test_list_shows_the_best_first(capsys: pytest.CaptureFixture[str], run_directory: Path) -> None:
+    lines = output(capsys, "list", run_directory, "--limit", "3").splitlines()
+    assert len(lines) == 4
+    assert lines[0].split()[:2] == ["design_id", "fitness"]
+    ids = Catalogue.open(run_directory).designs(["design_id"]).column("design_id").to_pylist()
+    assert [line.split()[0] for line in lines[1:]] == ids[:3]
+
+
+def test_list_filters_and_sorts(capsys: pytest.CaptureFixture[str], run_directory: Path) -> None:
+    rows = result(capsys, "list", run_directory, "--where", "fitness > 0.7 and n_maps == 3", "--sort", "gap")
+    everything = Catalogue.open(run_directory).designs().to_pylist()
+    wanted = [row for row in everything if row["fitness"] > 0.7 and row["n_maps"] == 3]
+    assert {row["design_id"] for row in rows} == {row["design_id"] for row in wanted}
+    assert [row["gap"] for row in rows] == sorted(row["gap"] for row in wanted)
+
+
+def test_list_formats_hold_the_same_designs(
+    capsys: pytest.CaptureFixture[str], run_directory: Path, tmp_path: Path
+) -> None:
+    rows = result(capsys, "list", run_directory)
+    ids = [row["design_id"] for row in rows]
+    table = list(csv.DictReader(io.StringIO(output_of_file(capsys, run_directory, tmp_path / "a.csv").decode())))
+    assert [row["design_id"] for row in table] == ids
+    assert [float(row["fitness"]) for row in table] == [row["fitness"] for row in rows]
+    assert [json.loads(row["genes"]) for row in table] == [row["genes"] for row in rows]
+    parquet = pyarrow.parquet.read_table(io.BytesIO(output_of_file(capsys, run_directory, tmp_path / "a.parquet")))
+    assert parquet.column("design_id").to_pylist() == ids
+    assert json.loads(output_of_file(capsys, run_directory, tmp_path / "a.json")) == rows
+
+
+def output_of_file(capsys: pytest.CaptureFixture[str], directory: Path, file: Path) -> bytes:
+    assert output(capsys, "list", directory, "--format", file.suffix[1:], "-o", file) == ""
+    return file.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--where", "fitnes > 0.5"], "did you mean 'fitness'"),
+        (["--where", "genes > 0.5"], "--where 'genes > 0.5'"),
+        (["--where", "fitness"], "--where 'fitness'"),
+        (["--where", "fitness > 'a'"], "--where"),
+        (["--sort", "beauty"], "--sort 'beauty'"),
+        (["--sort", "genes"], "--sort 'genes'"),
+        (["--sort", "fitness up"], "asc or desc"),
+        (["--columns", "beauty"], "unknown column 'beauty'"),
+    ],
+)
+def test_a_wrong_selection_is_one_line(
+    capsys: pytest.CaptureFixture[str], run_directory: Path, arguments: list[str], reason: str
+) -> None:
+    capsys.readouterr()
+    assert main(["list", str(run_directory), *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert reason in err
+
+
+def test_show_has_genome_lineage_and_files(capsys: pytest.CaptureFixture[str], run_directory: Path) -> None:
+    row = best(run_directory)
+    shown = result(capsys, "show", run_directory, row["design_id"][:8])
+    assert shown["design_id"] == row["design_id"]
+    assert np.ravel(shown["genes"]).tolist() == row["genes"]
+    assert shown["parents"] == row["parents"]
+    assert all((run_directory / name.split("[")[0]).exists() for name in shown["files"])
+    page = output(capsys, "show", run_directory, row["design_id"])
+    assert row["design_id"] in page
+    assert "alpha_p" in page
+
+
+def test_show_of_an_unknown_design_is_refused(capsys: pytest.CaptureFixture[str], run_directory: Path) -> None:
+    assert main(["show", str(run_directory), "0" * 32]) == 2
+    assert "no design" in capsys.readouterr().err
+
+
+def test_score_prints_the_probabilities_of_the_paper_and_exact_exponents(capsys: pytest.CaptureFixture[str]) -> None:
+    scores = {entry["name"]: entry for entry in result(capsys, "score", CONFIGS / "table1.yaml")}
+    by_hand = {
+        "06447": [1 / 12, 10 / 12, 1 / 12],
+        "06582": [1 / 8, 7 / 8],
+        "06425": [0.0833, 0.1964, 0.7203],
+        "06328": [0.4312, 0.4855, 0.0833],
+    }
+    assert list(scores) == ["06328", "06425", "06447", "06582"]
+    for name, entry in scores.items():
+        np.testing.assert_allclose(entry["probabilities"], by_hand[name], atol=5e-5)
+        closed_form = math.fsum(
+            p * math.log(rho) for p, rho in zip(entry["probabilities"], entry["ratios"], strict=True)
+        )
+        assert entry["lle"] == pytest.approx(closed_form, abs=1e-12)
+        assert 0.55 <= entry["fitness"] <= 0.95
+        dimension = entry["similarity_dimension"]
+        assert math.fsum(rho**dimension for rho in entry["ratios"]) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_score_as_a_table_has_a_row_for_each_genome(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = output(capsys, "score", CONFIGS / "table1.yaml").splitlines()
+    assert [line.split()[0] for line in lines] == ["genome", "06328", "06425", "06447", "06582"]
+
+
+def test_score_takes_the_readings_of_a_configuration(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("evolution: {fitness: {d2: [0.0, 0.698]}, phenotype: {influence: 1000}}")
+    usual = result(capsys, "score", CONFIGS / "table1.yaml")
+    other = result(capsys, "score", CONFIGS / "table1.yaml", "--config", tmp_path / "run.yaml")
+    assert all(one["fitness"] != two["fitness"] for one, two in zip(usual, other, strict=True))
+    assert min(other[2]["probabilities"]) == pytest.approx(1 / 3000)
+
+
+def test_scores_of_affine_genomes_have_no_similarity_dimension(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rows = [[0.5, 0, 0, 0, 0.25, 0, 0, 0, 0.5, x, 0, 0] for x in (0.0, 1.0)]
+    (tmp_path / "affine.yaml").write_text(json.dumps({"phenotype": {"family": "affine"}, "genomes": {"a": rows}}))
+    (entry,) = result(capsys, "score", tmp_path / "affine.yaml")
+    assert entry["similarity_dimension"] is None
+    np.testing.assert_allclose(entry["ratios"], [0.0625 ** (1 / 3)] * 2)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_render_draws_designs(
+    capsys: pytest.CaptureFixture[str], run_directory: Path, tmp_path: Path, count: int
+) -> None:
+    ids = Catalogue.open(run_directory).designs(["design_id"]).column("design_id").to_pylist()[:count]
+    path = tmp_path / "pictures" / "design.png"
+    output(capsys, "render", run_directory, *ids, "-o", path, "--size", 64, "--points", 2000)
+    with Image.open(path) as picture:
+        assert len(picture.convert("RGB").getcolors(1 << 24) or []) > 20
+        assert min(picture.size) >= 64
+
+
+def test_mesh_makes_watertight_solids_of_the_size_asked_for(
+    capsys: pytest.CaptureFixture[str], run_directory: Path, tmp_path: Path
+) -> None:
+    identity = best(run_directory)["design_id"]
+    arguments = ["--size", 20, "--wall", 2, "--format", "stl", "--format", "ply"]
+    (report,) = result(capsys, "mesh", run_directory, identity, "-o", tmp_path, *arguments)
+    assert report["design_id"] == identity
+    assert sorted(Path(name).suffix for name in report["files"]) == [".json", ".ply", ".stl"]
+    solid = trimesh.load_mesh(tmp_path / f"{identity}.stl")
+    assert solid.is_watertight
+    assert solid.body_count == 1
+    assert solid.volume > 0
+    assert solid.extents.max() == pytest.approx(20, rel=0.02)
+
+
+def test_the_solids_of_a_run_are_in_its_catalogue(run_directory: Path) -> None:
+    solids = Catalogue.open(run_directory).solids()
+    assert len(solids) == 1
+    assert selection_probabilities(Catalogue.open(run_directory).genome(solids[0].design_id)).sum() == pytest.approx(1)
