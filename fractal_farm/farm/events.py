@@ -115,9 +115,10 @@ class Draining:
 
 @dataclass(frozen=True)
 class RunEnded:
-    """The run is over."""
+    """The session is over; `interrupted` if somebody ended it before a limit was reached."""
 
     reason: str
+    interrupted: bool
     progress: Progress
     elapsed_s: float
     digest: str

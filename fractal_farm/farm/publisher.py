@@ -9,19 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
-from fractal_farm.catalogue import Catalogue, RunWriter, write_snapshot
-from fractal_farm.catalogue.schema import GIVEN_SCHEMA
+from fractal_farm.catalogue import Catalogue, RunWriter, design_table, write_snapshot
 from fractal_farm.config import RunConfig
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
 from fractal_farm.farm.work import MeshOrder, Part, PartReceipt
 from fractal_farm.fitness import shape_descriptor
 from fractal_farm.ifs.gap import gap
-from fractal_farm.ifs.genome import Genome, Phenotype
-from fractal_farm.ifs.maps import resolved_maps, selection_probabilities
+from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
-from fractal_farm.ifs.random_iteration import GENERATOR_VERSION, attractor_points
+from fractal_farm.ifs.random_iteration import attractor_points
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
 
 
@@ -41,65 +38,40 @@ class Publisher:
     def publish(self, part: Part) -> PartReceipt:
         """Make a part durable: clouds first, then the manifest part, whose appearance is the commit."""
         _, first = np.unique(part.rows["design_id"], return_index=True)
-        born_first = np.zeros(len(part.rows), bool)
-        born_first[first] = True
-        designs = self._genomes(part.rows[part.kept & born_first])
-        ancestors = self._genomes(part.rows[~part.kept & born_first])
-        rows = [complete_row(row, genome, self._points, kept=True) for row, genome in designs]
-        rows += [complete_row(row, genome, self._points, kept=False) for row, genome in ancestors]
+        rows = part.rows[np.sort(first)]
+        kept = part.kept[np.sort(first)]
+        genomes = [Genome(row["genes"][: int(row["n_maps"])], self._phenotype) for row in rows]
+        designs = [genome for genome, is_kept in zip(genomes, kept, strict=True) if is_kept]
+        gaps = [gap(genome) if is_kept else None for genome, is_kept in zip(genomes, kept, strict=True)]
+        columns = _columns(rows) | {
+            "kind": ["design" if is_kept else "ancestor" for is_kept in kept],
+            "gap": gaps,
+            "similarity_dimension": [similarity_dimension(genome) for genome in genomes],
+            "descriptor": [
+                shape_descriptor(attractor_points(genome, self._points)) if is_kept else None
+                for genome, is_kept in zip(genomes, kept, strict=True)
+            ],
+        }
         receipt = self._writer.commit(
-            pa.Table.from_pylist(rows, schema=GIVEN_SCHEMA),
-            quantised_attractors([genome for _, genome in designs], self._points),
+            design_table(genomes, columns),
+            quantised_attractors(designs, self._points),
             part.records,
             (part.first_epoch, part.last_epoch),
         )
         if part.snapshot is not None:
             write_snapshot(self._root, self._run_id, part.last_epoch, part.snapshot, self._durability)
-        gaps = {row["design_id"]: row["gap"] for row in rows[: len(designs)]}
-        return PartReceipt(part.first_epoch, part.last_epoch, len(designs), receipt.files, receipt.bytes, gaps)
+        known = {genome.design_id: value for genome, value in zip(genomes, gaps, strict=True) if value is not None}
+        return PartReceipt(part.first_epoch, part.last_epoch, len(designs), receipt.files, receipt.bytes, known)
 
     def store_solid(self, order: MeshOrder, files: dict[str, bytes]) -> None:
         """Put a finished solid into the catalogue."""
         Catalogue.open(self._root).add_solid(order.genome.design_id, order.parameters.hash, files)
 
-    def _genomes(self, rows: Designs) -> list[tuple[np.void, Genome]]:
-        return [(row, Genome(row["genes"][: int(row["n_maps"])], self._phenotype)) for row in rows]
 
-
-def complete_row(row: np.void, genome: Genome, n_points: int, *, kept: bool) -> dict[str, Any]:
-    """A manifest row from a design row: what evolution decided, and what follows from the genome.
-
-    Args:
-        row: a row of `design_dtype`.
-        genome: its genome.
-        n_points: points of the cloud that was scored; the descriptor is computed from the same cloud.
-        kept: whether it is published as a design; an ancestor has neither cloud, descriptor nor gap.
-
-    Returns:
-        One value for each column of `GIVEN_SCHEMA`.
-    """
-    phenotype: Phenotype = genome.phenotype
-    values = {name: float(row[name]) for name in SCORE_FIELDS}
-    return values | {
-        "design_id": row["design_id"].decode(),
-        "kind": "design" if kept else "ancestor",
-        "island": int(row["island"]),
-        "epoch": int(row["epoch"]),
-        "generation": int(row["generation"]),
-        "slot": int(row["slot"]),
-        "n_maps": genome.n_maps,
-        "family": phenotype.family,
-        "influence": phenotype.influence,
-        "map_form": phenotype.map_form,
-        "rotation_sign": phenotype.rotation_sign,
-        "genes": genome.genes.ravel().tolist(),
-        "maps": resolved_maps(genome).ravel().tolist(),
-        "probabilities": selection_probabilities(genome).tolist(),
-        "probabilities_by_hand": False,
-        "descriptor": shape_descriptor(attractor_points(genome, n_points)).tolist() if kept else None,
-        "similarity_dimension": similarity_dimension(genome),
-        "gap": gap(genome) if kept else None,
-        "parents": [parent.decode() for parent in row["parents"] if parent],
-        "operator": Operator(int(row["operator"])).name.lower(),
-        "generator_version": GENERATOR_VERSION,
-    }
+def _columns(rows: Designs) -> dict[str, Any]:
+    """The columns of the manifest that evolution decided."""
+    names = (*SCORE_FIELDS, "island", "epoch", "generation", "slot")
+    columns: dict[str, Any] = {name: rows[name] for name in names}
+    columns["parents"] = [[parent.decode() for parent in pair if parent] for pair in rows["parents"].tolist()]
+    columns["operator"] = [Operator(code).name.lower() for code in rows["operator"].tolist()]
+    return columns

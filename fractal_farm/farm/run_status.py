@@ -17,6 +17,7 @@ from fractal_farm.farm.records import unpack_ledger
 from fractal_farm.farm.sessions import only_run
 
 FORECAST_HOURS = 10.0
+_SETTLED_SECONDS = 60.0
 
 
 def status(path: Path) -> dict[str, Any]:
@@ -28,8 +29,8 @@ def status(path: Path) -> dict[str, Any]:
     Returns:
         run_id, name, path, state ("running", "ended", "interrupted"), reason, digest, the fields of `Progress`,
         n_maps (designs by number of maps), printable (designs whose wall makes one body), meshes, mesh_failures,
-        files, bytes, elapsed_s, rate (evaluations a second), free_gb and forecast (files, gigabytes and rows
-        after ten hours at the rate of the last half of the run).
+        files, bytes, elapsed_s, rate (evaluations a second) and forecast (files, gigabytes and rows after ten hours
+        at the rate of the last half of the run; None in its first minute).
 
     Raises:
         InputError: not a catalogue, or no run in it.
@@ -45,7 +46,8 @@ def status(path: Path) -> dict[str, Any]:
     counts = designs.column("n_maps").value_counts().to_pylist()
     log = list(read_log(path, run_id))
     ended = info.ends[-1] if info.ends else None
-    finished = ended is not None and ended["progress"]["epochs"] == progress.epochs
+    current = ended is not None and ended["progress"]["epochs"] == progress.epochs
+    finished = current and not ended["interrupted"]
     state = "running" if info.live else "ended" if finished else "interrupted"
     failures = sum(1 for entry in log if entry["event"] == "MeshFinished" and entry["failure"])
     wall = config.solids.wall_mm / config.solids.size_mm
@@ -54,7 +56,7 @@ def status(path: Path) -> dict[str, Any]:
         "name": config.name,
         "path": str(path),
         "state": state,
-        "reason": ended["reason"] if ended and finished else None,
+        "reason": ended["reason"] if ended and current else None,
         "digest": catalogue.digest(run_id),
         **asdict(progress),
         "designs": designs.num_rows,
@@ -79,8 +81,10 @@ def _totals(path: Path, config: RunConfig) -> tuple[Progress, float]:
     return progress, elapsed_s
 
 
-def _forecast(log: list[dict[str, Any]], files: int, size: int, designs: int, elapsed_s: float) -> dict[str, float]:
+def _forecast(log: list[dict[str, Any]], files: int, size: int, designs: int, elapsed_s: float) -> dict[str, float] | None:
     """Straight lines through the second half of the run, where the rate has settled."""
+    if elapsed_s < _SETTLED_SECONDS:
+        return None
     samples = [entry for entry in log if entry["event"] == "PartCommitted"]
     later = [entry for entry in samples if entry["elapsed_s"] >= elapsed_s / 2]
     seconds = max(0.0, 3600.0 * FORECAST_HOURS - elapsed_s)

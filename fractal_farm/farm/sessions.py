@@ -23,6 +23,7 @@ from fractal_farm.catalogue import (
     run_ids,
     run_lock,
 )
+from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import InputError
 from fractal_farm.evolution.island import IslandState, founding_state, library_after
@@ -52,37 +53,25 @@ class RunSummary:
         run_id: id of the run.
         name: its name.
         path: the catalogue.
-        reason: why it ended.
-        interrupted: whether somebody ended it before a limit was reached.
-        progress: totals of the run.
-        digest: content digest of the run's designs.
-        meshes: solids that this session made.
-        mesh_failures: designs that could not be made solid.
-        elapsed_s: seconds that all sessions of the run have worked.
+        ended: why it ended, the totals, the content digest.
         sheet: the picture of the best designs, or None.
     """
 
     run_id: str
     name: str
     path: Path
-    reason: str
-    interrupted: bool
-    progress: Progress
-    digest: str
-    meshes: int
-    mesh_failures: int
-    elapsed_s: float
+    ended: RunEnded
     sheet: Path | None
 
     @property
     def exit_code(self) -> int:
         """0, or 130 after an interruption."""
-        return INTERRUPTED if self.interrupted else 0
+        return INTERRUPTED if self.ended.interrupted else 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON."""
-        values = asdict(self)
-        return values | {"path": str(self.path), "sheet": str(self.sheet) if self.sheet else None}
+        """Ready for JSON: run_id, name, path, sheet, the fields of `RunEnded`, and `Progress` under "progress"."""
+        places = {"path": str(self.path), "sheet": str(self.sheet) if self.sheet else None}
+        return {"run_id": self.run_id, "name": self.name, **places, **asdict(self.ended)}
 
 
 def submit(
@@ -207,22 +196,18 @@ def _session(config: RunConfig, root: Path, new_executor: NewExecutor, callbacks
         run.mesh_the_rest()
         digest = Catalogue.open(root).digest(run_id)
         sheet = write_sheet(root, config)
-        ended = RunEnded(reason, run.progress, run.elapsed_s, digest, run.meshes, run.mesh_failures)
-        record_end(root, run_id, asdict(ended), config.catalogue.durability)
-        announce(ended)
-        return RunSummary(
-            run_id,
-            config.name,
-            root,
+        ended = RunEnded(
             reason,
             interrupted() is not None,
             run.progress,
+            run.elapsed_s,
             digest,
             run.meshes,
             run.mesh_failures,
-            run.elapsed_s,
-            sheet,
         )
+        record_end(root, run_id, asdict(ended), config.catalogue.durability)
+        announce(ended)
+        return RunSummary(run_id, config.name, root, ended, sheet)
 
 
 def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
@@ -271,11 +256,9 @@ def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
     queue = MeshQueue(settings.max, settings.wall_mm / settings.size_mm, len(made))
     for identity in made:
         queue.skip(identity)
-    columns = ["design_id", "fitness", "gap"]
-    for row in catalogue.designs(columns, config.run_id).to_pylist():
+    for row in catalogue.designs(run_id=config.run_id).to_pylist():
         if row["fitness"] > config.evolution.qualified and row["design_id"] not in made:
-            order = MeshOrder(catalogue.genome(row["design_id"]), parameters, settings.formats)
-            queue.offer(order, row["fitness"], row["gap"])
+            queue.offer(MeshOrder(genome_of(row), parameters, settings.formats), row["fitness"], row["gap"])
     return queue
 
 

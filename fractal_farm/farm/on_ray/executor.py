@@ -120,7 +120,7 @@ class RayExecutor:
 
     def __init__(self, config: RunConfig, new_publisher: Callable[[], Any], processors: int) -> None:
         self.workers = processors
-        self._config = ray.put(config.evolution)
+        self._config = config.evolution
         self._batch_size = config.execution.batch_size
         self._new_publisher = new_publisher
         self._here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
