@@ -12,6 +12,7 @@ from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 
 from fractal_farm.catalogue.layout import CLOUDS, crc32c
 from fractal_farm.catalogue.rows import genome_of
@@ -107,7 +108,7 @@ class DenseClouds:
 
     def _read(self, rows: list[int]) -> npt.NDArray[np.float64]:
         out = np.empty((len(rows), *self.shape[1:]))
-        designs = self._designs.take(rows).to_pylist()
+        designs = self._designs.take(pa.array(rows, pa.int64())).to_pylist()
         grown: list[int] = []
         stored: dict[tuple[str, str], list[int]] = {}
         for place, design in enumerate(designs):

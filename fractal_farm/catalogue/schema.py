@@ -42,7 +42,7 @@ PLACE = (
     ),
     Column("scale", pa.float32(), "IFS units", "xyz = origin + scale * q / 65535"),
     Column("cloud_crc32c", pa.uint32(), "", "CRC32C of the quantised points, little-endian uint16"),
-    Column("created_us", pa.timestamp("us", tz="UTC"), "us", "time of the commit"),
+    Column("created_us", pa.timestamp("us"), "us", "time of the commit, UTC"),
 )
 """What the writer of a catalogue adds to a row; empty cells where there is no cloud."""
 

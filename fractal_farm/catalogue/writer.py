@@ -209,7 +209,7 @@ class RunWriter:
             "run_id": [self._run_id] * count,
             "writer": [self._name] * count,
             "n_points": [self._n_points] * count,
-            "created_us": [dt.datetime.now(dt.UTC)] * count,
+            "created_us": [dt.datetime.now(dt.UTC).replace(tzinfo=None)] * count,
         }
         if stored:
             cloud_rows = np.arange(kept.sum()) + self._next_shard * SHARD
