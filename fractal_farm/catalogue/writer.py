@@ -255,6 +255,6 @@ def _checked(designs: Any) -> Any:
             continue
         try:
             arrays.append(designs.column(field.name).combine_chunks().cast(field.type))
-        except pa.ArrowInvalid as error:
+        except pa.ArrowException as error:
             raise FarmError(f"designs to commit: column {field.name}: {error}") from error
     return pa.Table.from_arrays(arrays, schema=GIVEN_SCHEMA)

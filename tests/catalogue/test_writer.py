@@ -4,11 +4,19 @@ import os
 import numpy as np
 import pytest
 
-from fractal_farm.catalogue import Catalogue, RunWriter, StorageFullError, committed_records, remove_orphans
+from fractal_farm.catalogue import (
+    Catalogue,
+    RunWriter,
+    StorageFullError,
+    committed_records,
+    design_table,
+    remove_orphans,
+)
 from fractal_farm.catalogue import shards as shards_module
 from fractal_farm.catalogue import writer as writer_module
 from fractal_farm.errors import FarmError, InputError
-from fractal_farm.ifs.quantised_cloud import QuantisedClouds
+from fractal_farm.ifs.genome import Genome, Phenotype
+from fractal_farm.ifs.quantised_cloud import QuantisedClouds, quantised_attractors
 from tests.catalogue.examples import N_POINTS, RUN, commit_epochs, designs, files, genome, records, writer
 
 
@@ -27,6 +35,24 @@ def test_genomes_and_points_come_back_as_they_were_committed(root):
     for number, identity in enumerate(given.column("design_id").to_pylist()):
         np.testing.assert_array_equal(catalogue.genome(identity).genes, genome(number).genes)
         np.testing.assert_array_equal(catalogue.points(identity), clouds[number].dequantise())
+
+
+def test_every_kind_of_genome_comes_back(root):
+    rows = genome(0).genes
+    affine = np.hstack([np.diag([0.5, 0.4, 0.3]), np.ones((3, 1))]).reshape(1, 12)
+    genomes = [
+        Genome(rows, Phenotype(influence=2.5, map_form="rho R x + d", rotation_sign=-1)),
+        Genome(rows, probabilities=(0.3, 0.7)),
+        Genome(np.vstack([affine, -affine]), Phenotype(family="affine")),
+        Genome(np.vstack([genome(i).genes for i in range(4)])[:8]),
+    ]
+    columns = designs(range(4))[0].select(["epoch", "island", "generation", "slot", "fitness", "d0", "d2", "lle"])
+    table = design_table(genomes, columns.to_pydict())
+    writer(root).commit(table, quantised_attractors(genomes, N_POINTS), b"", (0, 0))
+    for each in genomes:
+        found = Catalogue.open(root).genome(each.design_id)
+        np.testing.assert_array_equal(found.genes, each.genes)
+        assert (found.phenotype, found.probabilities) == (each.phenotype, each.probabilities)
 
 
 def test_a_commit_makes_four_files_and_a_commit_without_designs_one(root):
