@@ -124,20 +124,21 @@ def _report(summary: RunSummary, as_json: bool) -> int:
     if as_json:
         print_json(summary.as_dict())
         return summary.exit_code
-    progress = summary.progress
-    failed = f", {summary.mesh_failures} failed" if summary.mesh_failures else ""
+    ended = summary.ended
+    progress = ended.progress
+    failed = f", {ended.mesh_failures} failed" if ended.mesh_failures else ""
     print_facts(
         {
-            "run": f"{summary.name} ({summary.run_id}): {summary.reason}",
+            "run": f"{summary.name} ({summary.run_id}): {ended.reason}",
             "designs": f"{progress.designs:,} in the catalogue, {progress.kept_qualified:,} of them qualified",
-            "evaluated": f"{progress.evaluated:,} in {progress.epochs:,} epochs and {duration(summary.elapsed_s)}",
+            "evaluated": f"{progress.evaluated:,} in {progress.epochs:,} epochs and {duration(ended.elapsed_s)}",
             "best fitness": f"{progress.best_fitness:.4f}",
-            "meshes": f"{summary.meshes} made{failed}, in {summary.path / 'solids'}",
+            "meshes": f"{ended.meshes} made{failed}, in {summary.path / 'solids'}",
             "picture": summary.sheet,
-            "digest": summary.digest,
+            "digest": ended.digest,
         }
     )
-    if summary.interrupted:
+    if ended.interrupted:
         say(f"go on with: farm resume {summary.path}")
     else:
         say(f"look at the best with: farm list {summary.path}")

@@ -13,7 +13,7 @@ import numpy as np
 from fractal_farm.catalogue import Catalogue, RunWriter, design_table, write_snapshot
 from fractal_farm.config import RunConfig
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
-from fractal_farm.farm.work import MeshOrder, Part, PartReceipt
+from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, sample_candidates
 from fractal_farm.fitness import shape_descriptor
 from fractal_farm.ifs.gap import gap
 from fractal_farm.ifs.genome import Genome
@@ -28,12 +28,25 @@ class Publisher:
     def __init__(self, root: Path, config: RunConfig, node: str, attempt: int) -> None:
         self._root = root
         self._run_id = config.run_id
+        self._evolution = config.evolution
         self._phenotype = config.evolution.phenotype.phenotype()
         self._points = config.evolution.phenotype.points
         self._durability = config.catalogue.durability
         self._writer = RunWriter(
             root, config.run_id, node, attempt, self._points, config.catalogue.clouds, self._durability
         )
+
+    def warm(self) -> None:
+        """Compile, or load, what `publish` calls."""
+        candidates = sample_candidates(self._evolution)
+        if not len(candidates.n_maps):
+            return
+        genome = Genome(candidates.genes[0, : int(candidates.n_maps[0])], self._phenotype)
+        gap(genome)
+        similarity_dimension(genome)
+        shape_descriptor(attractor_points(genome, self._points))
+        design_table([genome], {})
+        quantised_attractors([genome], self._points)
 
     def publish(self, part: Part) -> PartReceipt:
         """Make a part durable: clouds first, then the manifest part, whose appearance is the commit."""

@@ -81,7 +81,9 @@ def _totals(path: Path, config: RunConfig) -> tuple[Progress, float]:
     return progress, elapsed_s
 
 
-def _forecast(log: list[dict[str, Any]], files: int, size: int, designs: int, elapsed_s: float) -> dict[str, float] | None:
+def _forecast(
+    log: list[dict[str, Any]], files: int, size: int, designs: int, elapsed_s: float
+) -> dict[str, float] | None:
     """Straight lines through the second half of the run, where the rate has settled."""
     if elapsed_s < _SETTLED_SECONDS:
         return None

@@ -272,13 +272,17 @@ def _workers(config: RunConfig, address: str | None, executor: str | None) -> It
             raise InputError(f"--address {address}: the serial executor works in this process; leave one of them out")
         yield lambda root: SerialExecutor(config, _new_publisher(root, config))
         return
+    if address and config.execution.workers is not None:
+        raise InputError(
+            f"execution.workers {config.execution.workers}: the cluster at {address} decides how many work; "
+            "leave one of them out"
+        )
     from fractal_farm.farm.on_ray.session import session
 
     with session(address, config.execution.workers) as processors:
         from fractal_farm.farm.on_ray.executor import RayExecutor
 
-        workers = min(processors, config.execution.workers or processors)
-        yield lambda root: RayExecutor(config, _new_publisher(root, config), workers)
+        yield lambda root: RayExecutor(config, _new_publisher(root, config), processors)
 
 
 def _new_publisher(root: Path, config: RunConfig) -> Callable[[], Publisher]:

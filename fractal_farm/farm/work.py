@@ -16,6 +16,7 @@ from fractal_farm.config import EvolutionConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import Designs
 from fractal_farm.evolution.island import Candidates, Scores
+from fractal_farm.evolution.offspring import founders
 from fractal_farm.ifs.genome import Genome
 
 if TYPE_CHECKING:
@@ -84,6 +85,12 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     )
     values = np.column_stack([result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error])
     return Scores(values, result.refusal)
+
+
+def sample_candidates(config: EvolutionConfig) -> Candidates:
+    """Two founders: what it takes to compile, or to try, an evaluation."""
+    brood = founders(config, 0)
+    return Candidates(brood.genes[:2], brood.n_maps[:2])
 
 
 def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:

@@ -150,7 +150,7 @@ def design_id(genes: FloatArray, phenotype: Phenotype, probabilities: tuple[floa
         order = sorted(range(len(rows)), key=lambda i: tuple(a + 0.0 for a in genes[i].tolist()))
         rows = [(*row, probabilities[i]) for row, i in zip(rows, order, strict=True)]
     head = (
-        f"{phenotype.family}|{phenotype.influence!r}|{phenotype.map_form}|{phenotype.rotation_sign}"
+        f"{phenotype.family}|{float(phenotype.influence)!r}|{phenotype.map_form}|{phenotype.rotation_sign}"
         f"|{len(rows)}x{len(rows[0])}|{probabilities is not None}|"
     )
     body = b"".join(struct.pack(f"<{len(row)}d", *row) for row in rows)

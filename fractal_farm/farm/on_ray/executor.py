@@ -34,6 +34,7 @@ from fractal_farm.farm.work import (
     evaluate_candidates,
     joined,
     make_solid,
+    sample_candidates,
     split,
 )
 
@@ -74,6 +75,7 @@ class Writer:
 
     def __init__(self, new_publisher: Callable[[], Any]) -> None:
         self._publisher = new_publisher()
+        self._publisher.warm()
 
     def ping(self) -> None:
         """Answer."""
@@ -129,6 +131,10 @@ class RayExecutor:
         self._writer: Any = None
         self._meshers: list[Any] = []
         self._pending: dict[Any, tuple[str, Any]] = {}
+        # Kernels are compiled once and cached before many workers want them at the same time; the writer does its
+        # own share meanwhile.
+        self._living_writer()
+        ray.get(_EVALUATE.remote(sample_candidates(config.evolution), config.evolution))
 
     def start_epoch(self, island: int, epoch: int, inbox: Inbox, state: IslandState) -> None:
         """Call the island's actor; the state travels only when the actor cannot have it."""
