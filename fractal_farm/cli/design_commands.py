@@ -97,7 +97,6 @@ def render(
     ids: IdsArgument,
     output: Annotated[Path, typer.Option("--output", "-o", help="PNG file to write.")],
     size: Annotated[int, typer.Option(min=16, max=4096, help="Pixels of a design's side.")] = 512,
-    points: Annotated[int, typer.Option(min=100, max=10_000_000, help="Points to draw.")] = 20_000,
     colours: Annotated[Colours, typer.Option(help="Colouring.")] = Colours.GRADIENT,
 ) -> None:
     """Draw designs as a picture or a sheet."""
@@ -112,12 +111,11 @@ def render(
         raise InputError(f"--output {output}: the picture is a PNG; give a name that ends in .png")
     catalogue = Catalogue.open(directory)
     rows = [catalogue.design(identity) for identity in ids]
-    drawn = [(genome_of(row), f"{row['design_id'][:8]}  {row['fitness']:.3f}") for row in rows]
-    if len(drawn) == 1:
-        picture = render_genome(drawn[0][0], size, n_points=points, colours=colours.value)
+    if len(rows) == 1:
+        picture = render_genome(genome_of(rows[0]), size, colouring=colours.value)
     else:
-        columns = math.ceil(math.sqrt(len(drawn)))
-        picture = design_sheet(drawn, columns, size=size, n_points=points, colours=colours.value)
+        captioned = [(genome_of(row), f"{row['design_id'][:8]}  {row['fitness']:.3f}") for row in rows]
+        picture = design_sheet(captioned, math.ceil(math.sqrt(len(rows))), size, colouring=colours.value)
     buffer = io.BytesIO()
     picture.save(buffer, "PNG")
     write_file(output, buffer.getvalue())
@@ -130,6 +128,7 @@ def mesh(
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files.")],
     size: Annotated[float, typer.Option(min=1, max=1000, help="Longest side of the solid, mm.")] = 30.0,
     wall: Annotated[float, typer.Option(min=0.01, max=100, help="Thinnest wall, mm.")] = 0.8,
+    resolution: Annotated[int, typer.Option(min=32, max=1000, help="Voxels along the longest side.")] = 180,
     form: Annotated[list[MeshFormat] | None, typer.Option("--format", help="File format; may be repeated.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -144,7 +143,7 @@ def mesh(
 
     catalogue = Catalogue.open(directory)
     formats = tuple(dict.fromkeys(each.value for each in form or (MeshFormat.GLB, MeshFormat.STL)))
-    parameters = SolidParameters(size_mm=size, wall_mm=wall)
+    parameters = SolidParameters(size, wall, resolution)
     reports = []
     for identity in [catalogue.design(identity)["design_id"] for identity in ids]:
         files = solid_files(catalogue.genome(identity), parameters, formats)

@@ -228,7 +228,7 @@ def test_render_draws_designs(
 ) -> None:
     ids = Catalogue.open(run_directory).designs(["design_id"]).column("design_id").to_pylist()[:count]
     path = tmp_path / "pictures" / "design.png"
-    output(capsys, "render", run_directory, *ids, "-o", path, "--size", 64, "--points", 2000)
+    output(capsys, "render", run_directory, *ids, "-o", path, "--size", 64)
     with Image.open(path) as picture:
         assert len(picture.convert("RGB").getcolors(1 << 24) or []) > 20
         assert min(picture.size) >= 64
