@@ -38,7 +38,7 @@ class RunView:
         bytes: their size.
         meshes: solids made in all sessions.
         wanted: how many the run may make; None for every qualified design.
-        ending: why the run ends, once it does.
+        ending: "ending" or "ended", once it is.
     """
 
     started: RunStarted | None = None
@@ -75,12 +75,12 @@ class RunView:
             self.meshes, self.wanted = event.done, event.wanted
             return f"no mesh of {event.design_id}: {event.failure}" if event.failure else None
         elif isinstance(event, Draining):
-            self.ending = event.reason
+            self.ending = "ending"
             return f"ending: {event.reason}; committing what is complete"
         elif isinstance(event, Fault):
             return f"{event.where}: {event.cause}; {event.remedy}"
         elif isinstance(event, RunEnded):
-            self.ending = event.reason
+            self.ending = "ended"
         return None
 
     def elapsed_s(self, now: float) -> float:
@@ -121,7 +121,7 @@ class RunView:
             duration(self.elapsed_s(now)),
         ]
         if self.ending is not None:
-            parts.append("ending")
+            parts.append(self.ending)
         elif (left := self.left_s(now)) is not None:
             parts.append(f"{duration(left)} left")
         return ", ".join(parts)

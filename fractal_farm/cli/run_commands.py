@@ -133,7 +133,7 @@ def _report(summary: RunSummary, as_json: bool) -> int:
             "designs": f"{progress.designs:,} in the catalogue, {progress.kept_qualified:,} of them qualified",
             "evaluated": f"{progress.evaluated:,} in {progress.epochs:,} epochs and {duration(ended.elapsed_s)}",
             "best fitness": f"{progress.best_fitness:.4f}",
-            "meshes": f"{ended.meshes} made{failed}, in {summary.path / 'solids'}",
+            "meshes": f"{ended.meshes} made{failed}" + (f", in {summary.path / 'solids'}" if ended.meshes else ""),
             "picture": summary.sheet,
             "digest": ended.digest,
         }
@@ -150,17 +150,26 @@ def _status_facts(facts: dict[str, Any]) -> dict[str, Any]:
     reason = f", {facts['reason']}" if facts["reason"] else ""
     counts = ", ".join(f"{number:,} of {maps} maps" for maps, number in sorted(facts["n_maps"].items()))
     failed = f", {facts['mesh_failures']} failed" if facts["mesh_failures"] else ""
-    forecast = facts["forecast"]
     return {
         "run": f"{facts['name']} ({facts['run_id']}): {facts['state']}{reason}",
         "designs": f"{facts['designs']:,}" + (f": {counts}" if counts else ""),
-        "qualified": f"{facts['kept_qualified']:,} of them; {facts['printable']:,} in one piece at the run's wall",
+        "qualified": f"{facts['kept_qualified']:,}",
+        "printable": f"{facts['printable']:,} in one piece at the run's wall",
         "evaluated": f"{facts['evaluated']:,} in {facts['epochs']:,} epochs and {duration(facts['elapsed_s'])} "
         f"({facts['rate']:,.0f}/s)",
         "best fitness": f"{facts['best_fitness']:.4f}",
         "meshes": f"{facts['meshes']:,}{failed}",
         "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files",
-        f"after {forecast['hours']:g} hours": f"{forecast['gigabytes']:.1f} GB in {forecast['files']:,.0f} files, "
-        f"{forecast['rows']:,.0f} designs",
+        "forecast": _forecast(facts["forecast"]),
         "digest": facts["digest"],
     }
+
+
+def _forecast(forecast: dict[str, float] | None) -> str | None:
+    """What ten hours at the present rate would take, once the rate has settled."""
+    if forecast is None:
+        return None
+    return (
+        f"after {forecast['hours']:g} hours {forecast['gigabytes']:.1f} GB in {forecast['files']:,.0f} files, "
+        f"{forecast['rows']:,.0f} designs"
+    )

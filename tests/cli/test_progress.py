@@ -83,7 +83,7 @@ def test_plain_lines_go_to_stderr_and_are_few(capsys: pytest.CaptureFixture[str]
         display.on_event(started(epochs=1000))
         for number in range(1, 1001):
             display.on_event(epoch(number, 0.001 * number))
-        display.on_event(RunEnded("1000 epochs", Progress(epochs=1000), 1.0, "0" * 32, 0, 0))
+        display.on_event(RunEnded("1000 epochs", False, Progress(epochs=1000), 1.0, "0" * 32, 0, 0))
     out, err = capsys.readouterr()
     assert out == ""
     lines = err.splitlines()
