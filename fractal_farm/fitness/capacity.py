@@ -1,0 +1,80 @@
+"""Capacity dimension D0 by box counting (NOTES; paper section 3.3.4).
+
+Boxes of side 2^-1 to 2^-10 of the bounding cube are counted, and those of the cube enlarged by sqrt 2, so that scales
+come in half octaves. Counts are corrected for unseen boxes; scales at which more than every second point would have a
+box for itself tell nothing and are left out. One least-squares line of log2 N over log2 (1 / side) runs through all.
+
+At 5,000 points the error (rmse) is .02 to .06 for D0 up to 2, and sets of dimension 2 to 3 are underestimated, by .5 for
+the full cube: no box count of so few points does better.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.fitness.box_counts import DOUBLE, OCCUPIED, SINGLE, chao1, count_boxes
+from fractal_farm.fitness.line_fit import fit_slope
+from fractal_farm.fitness.morton import LEVELS, MortonWorkspace, new_morton_workspace, sort_by_key
+from fractal_farm.ifs.kernel import kernel
+
+FAMILIES = 2
+
+
+class BoxWorkspace(NamedTuple):
+    """Memory for box counts of up to n points.
+
+    Attributes:
+        morton: sorted keys; those of the bounding cube itself after `box_dimension`.
+        parting: (n + 1,) int64.
+        boxes: (3, 12) int64.
+        scales: (20,) float64, log2 (1 / side).
+        logs: (20,) float64, log2 of the number of boxes.
+    """
+
+    morton: MortonWorkspace
+    parting: npt.NDArray[np.int64]
+    boxes: npt.NDArray[np.int64]
+    scales: npt.NDArray[np.float64]
+    logs: npt.NDArray[np.float64]
+
+
+def new_box_workspace(n: int) -> BoxWorkspace:
+    """Working space for up to n points."""
+    return BoxWorkspace(
+        new_morton_workspace(n),
+        np.empty(n + 1, np.int64),
+        np.empty((3, LEVELS + 2), np.int64),
+        np.empty(FAMILIES * LEVELS),
+        np.empty(FAMILIES * LEVELS),
+    )
+
+
+@kernel
+def box_dimension(frame, n, work):
+    """D0 of a cloud in its frame, and the standard error of the slope.
+
+    Args:
+        frame: (3, m) float32 coordinates in [0, 1], of which n points count.
+        n: number of points.
+        work: `BoxWorkspace` of at least n points; leaves the cloud's own Morton order in work.morton.keys.
+    """
+    used = 0
+    for enlarged in (0.5, 0.0):  # log2 of the cube's side
+        cube = np.float32(math.sqrt(2.0) if enlarged > 0.0 else 1.0)
+        sort_by_key(frame, n, cube, work.morton)
+        count_boxes(work.morton.keys, n, work.parting, work.boxes)
+        for level in range(1, LEVELS + 1):
+            occupied = work.boxes[OCCUPIED, level]
+            if level - enlarged >= 1.0 and 2 * occupied <= n:
+                boxes = chao1(occupied, work.boxes[SINGLE, level], work.boxes[DOUBLE, level])
+                work.scales[used] = level - enlarged
+                work.logs[used] = math.log2(boxes)
+                used += 1
+    slope, error = fit_slope(work.scales, work.logs, used)
+    return min(3.0, max(0.0, slope)), error

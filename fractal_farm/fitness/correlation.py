@@ -1,0 +1,52 @@
+"""Correlation dimension D2 by the correlation sum of Grassberger and Procaccia (1983; NOTES, paper section 3.3.4).
+
+C(r), the number of pairs closer than r, is exact at fifteen radii in half octaves, 2^-10 to 2^-3 of the bounding
+cube's side. D2 is the least-squares slope of log2 C over log2 r, where C is at least 500 pairs (50, or 2, if fewer than
+three radii have that many).
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.fitness.line_fit import fit_slope
+from fractal_farm.fitness.pair_counting import N_BINS
+from fractal_farm.ifs.kernel import kernel
+
+N_RADII = N_BINS - 1
+
+
+class SlopeWorkspace(NamedTuple):
+    """Memory for the fit: (15,) float64 each."""
+
+    scales: npt.NDArray[np.float64]
+    logs: npt.NDArray[np.float64]
+
+
+def new_slope_workspace() -> SlopeWorkspace:
+    """An empty working space."""
+    return SlopeWorkspace(np.empty(N_RADII), np.empty(N_RADII))
+
+
+@kernel
+def correlation_slope(counts, work):
+    """D2 and the standard error of the slope, from (16,) pair counts; (0, 0) if too few pairs are close."""
+    for fewest in (500, 50, 2):
+        used = 0
+        closer = 0
+        for k in range(N_RADII):
+            closer += counts[k]
+            if closer >= fewest:
+                work.scales[used] = 0.5 * (k - 20)
+                work.logs[used] = math.log2(closer)
+                used += 1
+        if used >= 3:
+            slope, error = fit_slope(work.scales, work.logs, used)
+            return min(3.0, max(0.0, slope)), error
+    return 0.0, 0.0

@@ -1,0 +1,166 @@
+"""Shape descriptor: what a cloud looks like, whatever its place, size, orientation and handedness (DESIGN section 8).
+
+Twelve quantiles of the distance between two points of the cloud (the shape distribution D2 of Osada et al. 2002), in
+units of its root mean square, and the ratios of the principal standard deviations, smallest and middle to largest.
+A quantile here is the mean over a twelfth of the pairs: where the distribution has gaps, as Cantor-like shapes have,
+the value at one rank jumps from cloud to cloud, and the mean does not.
+
+Pairs follow a lattice: of the points in Morton order, point i meets point (a i + b) mod n with a near the golden
+section of n. Thus 2 n pairs cover the product of the cloud with itself evenly, and tell as much as all pairs do. They
+are sorted by a histogram of squared distances in 64 bins an octave, the leading bits of the float32.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.fitness.cloud_frame import FrameWorkspace, fit_frame, new_frame_workspace
+from fractal_farm.fitness.morton import MortonWorkspace, new_morton_workspace, sort_by_key
+from fractal_farm.fitness.points import as_cloud
+from fractal_farm.ifs.kernel import kernel
+
+N_QUANTILES = 12
+LENGTH = N_QUANTILES + 2
+
+_ROUNDS = 2  # pairs for each point
+_SHIFT = 17  # float32 bits that are not in the number of a bin: 2^6 bins an octave
+_FIRST = (127 - 46) << 6  # bin of d^2 = 2^-46, the square of the coordinates' grid
+_BINS = 49 << 6  # up to d^2 < 8
+
+
+class DescriptorWorkspace(NamedTuple):
+    """Memory for the descriptor of one cloud of n points.
+
+    Attributes:
+        frame: for the principal axes.
+        coordinates: (3, n) float32, the cloud in its frame.
+        morton: for the order of the points.
+        points: (3, n) float32, the cloud in Morton order.
+        squares: (n,) float32 squared distances.
+        bits: (n,) uint32, the same memory.
+        pairs: (3136,) int64, number of pairs in each bin.
+        distances: (3136,) float64, sum of their distances.
+    """
+
+    frame: FrameWorkspace
+    coordinates: npt.NDArray[np.float32]
+    morton: MortonWorkspace
+    points: npt.NDArray[np.float32]
+    squares: npt.NDArray[np.float32]
+    bits: npt.NDArray[np.uint32]
+    pairs: npt.NDArray[np.int64]
+    distances: npt.NDArray[np.float64]
+
+
+def shape_descriptor(points: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    """Descriptor of the shape of a cloud; the Euclidean distance of two descriptors compares two shapes.
+
+    Args:
+        points: (n, 3) real array, n >= 2, in any order.
+
+    Returns:
+        (14,) float32: 12 ascending quantiles of pair distance / root mean square pair distance, then the smallest and
+        the middle principal standard deviation over the largest, in [0, 1]. All 0 if the cloud is a single point.
+
+    Raises:
+        InputError: the points are not an (n, 3) table of finite numbers.
+    """
+    cloud = as_cloud(points)
+    n = cloud.shape[1]
+    squares = np.empty(n, np.float32)
+    work = DescriptorWorkspace(
+        new_frame_workspace(),
+        np.empty((3, n), np.float32),
+        new_morton_workspace(n),
+        np.empty((3, n), np.float32),
+        squares,
+        squares.view(np.uint32),
+        np.zeros(_BINS, np.int64),
+        np.zeros(_BINS),
+    )
+    descriptor = np.zeros(LENGTH, np.float32)
+    _describe(cloud, work, descriptor)
+    return descriptor
+
+
+@kernel
+def _describe(cloud, work, descriptor):
+    """Fill descriptor (14,) float32, zero on entry; work is a `DescriptorWorkspace` with empty bins."""
+    n = cloud.shape[1]
+    if not fit_frame(cloud, work.frame, work.coordinates):
+        return
+    sort_by_key(work.coordinates, n, np.float32(1.0), work.morton)
+    for axis in range(3):
+        for i in range(n):
+            work.points[axis, i] = work.coordinates[axis, np.uint32(work.morton.keys[i])]
+    step = _lattice_step(n)
+    for r in range(_ROUNDS):
+        _squared_distances(work.points, step, r * n // _ROUNDS, work.squares)
+        for i in range(n):
+            b = np.uint64(min(max(np.int64(work.bits[i] >> np.uint32(_SHIFT)) - _FIRST, 0), _BINS - 1))
+            work.pairs[b] += 1
+            work.distances[b] += math.sqrt(work.squares[i])
+    _quantile_means(work.pairs, work.distances, _ROUNDS * n, descriptor)
+    variances = work.frame.matrix
+    descriptor[N_QUANTILES] = math.sqrt(max(variances[2, 2], 0.0) / variances[0, 0])
+    descriptor[N_QUANTILES + 1] = math.sqrt(max(variances[1, 1], 0.0) / variances[0, 0])
+
+
+@kernel
+def _lattice_step(n):
+    """The first number from the golden section of n on that has no factor in common with n."""
+    step = max(1, int(0.6180339887498949 * n))
+    while True:
+        a = n
+        b = step
+        while b != 0:
+            a, b = b, a % b
+        if a == 1:
+            return step
+        step += 1
+
+
+@kernel
+def _squared_distances(points, step, offset, squares):
+    """Squared distance of every point i to point (step i + offset) mod n, or the next one if that is i itself."""
+    n = points.shape[1]
+    j = offset
+    for i in range(n):
+        k = j
+        if k == i:
+            k = k + 1 if k + 1 < n else 0
+        x = points[0, i] - points[0, k]
+        y = points[1, i] - points[1, k]
+        z = points[2, i] - points[2, k]
+        squares[i] = x * x + y * y + z * z
+        j += step
+        if j >= n:
+            j -= n
+
+
+@kernel
+def _quantile_means(pairs, distances, total, descriptor):
+    """Means of the distances over equal shares of the pairs, in units of the root mean square."""
+    b = 0
+    left = 0.0
+    mean = 0.0
+    for q in range(N_QUANTILES):
+        needed = total / N_QUANTILES
+        gathered = 0.0
+        while needed > 0.0:
+            while left == 0.0 and b < pairs.size:
+                left = float(pairs[b])
+                mean = distances[b] / max(left, 1.0)
+                b += 1
+            taken = min(left, needed) if left > 0.0 else needed
+            gathered += taken * mean
+            needed -= taken
+            left -= taken
+        descriptor[q] = gathered
+    return

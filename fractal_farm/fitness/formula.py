@@ -1,0 +1,70 @@
+"""The paper's fitness function, eq 3.7: a Gaussian of D0, D2 and LLE, clipped to [0, 1].
+
+    fit = amplitude exp(-[(D0/3 - c0)^2 / (2 s0^2) + (D2/3 - c2)^2 / (2 s2^2) + (LLE - cl)^2 / (2 sl^2)]) + baseline
+
+Every constant is a field. The centre of the D2 term and the sign in the LLE term are not legible in the paper; the
+defaults are calibrated, as NOTES explains.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from fractal_farm.ifs.kernel import kernel
+
+
+@dataclass(frozen=True)
+class FitnessFormula:
+    """The constants of eq 3.7.
+
+    Attributes:
+        amplitude: height of the Gaussian.
+        baseline: added to it.
+        d0: (centre, width) of D0 / 3.
+        d2: (centre, width) of D2 / 3.
+        lle: (centre, width) of LLE, nats per iteration.
+    """
+
+    amplitude: float = 1.493
+    baseline: float = -0.5
+    d0: tuple[float, float] = (0.334, 0.840)
+    d2: tuple[float, float] = (0.5, 0.698)
+    lle: tuple[float, float] = (-0.057, 1.092)
+
+
+class FormulaNumbers(NamedTuple):
+    """A `FitnessFormula` in the plain numbers that kernels take."""
+
+    amplitude: float
+    baseline: float
+    d0: tuple[float, float]
+    d2: tuple[float, float]
+    lle: tuple[float, float]
+
+
+def numbers_of(formula: FitnessFormula) -> FormulaNumbers:
+    """The formula as plain float64."""
+    return FormulaNumbers(
+        float(formula.amplitude),
+        float(formula.baseline),
+        (float(formula.d0[0]), float(formula.d0[1])),
+        (float(formula.d2[0]), float(formula.d2[1])),
+        (float(formula.lle[0]), float(formula.lle[1])),
+    )
+
+
+@kernel
+def fitness(d0, d2, lle, formula):
+    """Eq 3.7 of one design; `formula` is a `FormulaNumbers`."""
+    distance = _term(d0 / 3.0, formula.d0) + _term(d2 / 3.0, formula.d2) + _term(lle, formula.lle)
+    return min(1.0, max(0.0, formula.amplitude * math.exp(-distance) + formula.baseline))
+
+
+@kernel
+def _term(value, centre_and_width):
+    centre, width = centre_and_width
+    return (value - centre) * (value - centre) / (2.0 * width * width)

@@ -1,0 +1,45 @@
+"""Ordinary least squares of a straight line, with the standard error of its slope."""
+
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from fractal_farm.ifs.kernel import kernel
+
+
+@kernel
+def fit_slope(x, y, n):
+    """Slope of y over x.
+
+    Args:
+        x: (m,) float64 abscissae, of which the first n count.
+        y: (m,) float64 ordinates.
+        n: number of values.
+
+    Returns:
+        The slope and its standard error; (0, nan) without two different abscissae, and error nan for two values.
+    """
+    x_mean = 0.0
+    y_mean = 0.0
+    for i in range(n):
+        x_mean += x[i]
+        y_mean += y[i]
+    x_mean /= max(n, 1)
+    y_mean /= max(n, 1)
+    xx = 0.0
+    xy = 0.0
+    for i in range(n):
+        xx += (x[i] - x_mean) * (x[i] - x_mean)
+        xy += (x[i] - x_mean) * (y[i] - y_mean)
+    if not xx > 0.0:
+        return 0.0, np.nan
+    slope = xy / xx
+    residual = 0.0
+    for i in range(n):
+        deviation = y[i] - y_mean - slope * (x[i] - x_mean)
+        residual += deviation * deviation
+    return slope, math.sqrt(residual / (n - 2) / xx) if n > 2 else np.nan
