@@ -176,8 +176,8 @@ class _LiveDisplay(Callback):
             self._console.print(remark)
 
     def renderable(self) -> Any:
-        from rich.console import Group
         from rich.progress_bar import ProgressBar
+        from rich.table import Table
         from rich.text import Text
 
         if self._view.started is None:
@@ -185,4 +185,7 @@ class _LiveDisplay(Callback):
         now = time.monotonic()
         fraction = self._view.fraction(now)
         bar = ProgressBar(total=1.0, completed=fraction or 0.0, pulse=fraction is None)
-        return Group(bar, Text(self._view.line(now)))
+        lines = Table.grid(expand=True)
+        lines.add_row(bar)
+        lines.add_row(Text(self._view.line(now)))
+        return lines

@@ -6,6 +6,9 @@ import csv
 import io
 import json
 import math
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +94,20 @@ def test_a_resumed_run_goes_on_to_the_digest_of_one_long_run(
     output(capsys, *submit_arguments(short, *arguments))
     resumed = result(capsys, "resume", short, "--executor", "serial", "--set", "stop.epochs=2", "--set", "solids.max=0")
     assert resumed["digest"] == Catalogue.open(run_directory).digest()
+
+
+def test_ctrl_c_ends_a_run_cleanly_and_says_how_to_resume(tmp_path: Path) -> None:
+    arguments = submit_arguments(tmp_path / "run", "--set", "stop.epochs=1000000", "--json")
+    command = [sys.executable, "-c", "import sys; from fractal_farm.cli import main; sys.exit(main())"]
+    with subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        assert run.stderr is not None
+        said = next(line for line in run.stderr if line.startswith("epoch"))
+        run.send_signal(signal.SIGINT)
+        out, err = run.communicate(timeout=120)
+    assert run.returncode == 130, said + err
+    assert json.loads(out)["interrupted"] is True
+    assert f"farm resume {tmp_path / 'run'}" in err
+    assert Catalogue.open(tmp_path / "run").digest() == json.loads(out)["digest"]
 
 
 def test_status_has_the_digest_and_a_forecast(capsys: pytest.CaptureFixture[str], run_directory: Path) -> None:

@@ -92,6 +92,22 @@ def test_plain_lines_go_to_stderr_and_are_few(capsys: pytest.CaptureFixture[str]
     assert 3 <= len(lines) <= 4
 
 
+def test_a_terminal_shows_a_bar_and_the_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    with progress_display() as display:
+        display.on_event(started(epochs=4))
+        display.on_event(epoch(1, 1.0))
+        display.on_event(Fault("island 3", "worker died", "epoch 5 starts again"))
+    out, err = capsys.readouterr()
+    assert out == ""
+    for part in ("\N{BOX DRAWINGS HEAVY HORIZONTAL}", "epoch 1, 1,000 evaluated", "island 3: worker died"):
+        assert part in err
+
+
 @pytest.mark.parametrize(("seconds", "text"), [(0, "0:00"), (59.6, "1:00"), (125, "2:05"), (3723, "1:02:03")])
 def test_durations_read_as_clocks(seconds: float, text: str) -> None:
     assert duration(seconds) == text
