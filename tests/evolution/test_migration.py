@@ -1,4 +1,4 @@
-import networkx
+import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +16,10 @@ def _members(fitness, start=0):
     return rows
 
 
-@given(st.sampled_from(["ring", "full", "random", "isolated"]), st.integers(1, 12), st.integers(1, 5), st.integers(0, 9))
+TOPOLOGIES = ["ring", "full", "random", "isolated"]
+
+
+@given(st.sampled_from(TOPOLOGIES), st.integers(1, 12), st.integers(1, 5), st.integers(0, 9))
 def test_topologies_are_regular_and_nobody_sends_to_itself(topology, islands, degree, seed):
     links = sources(topology, islands, degree, seed)
     expected = {"full": islands - 1, "isolated": 0}.get(topology, min(degree, islands - 1))
@@ -38,9 +41,9 @@ def test_a_random_graph_depends_on_the_seed_alone():
 def test_most_random_graphs_of_degree_two_connect_all_islands():
     connected = 0
     for seed in range(30):
-        graph = networkx.DiGraph()
+        graph = nx.DiGraph()
         graph.add_edges_from((s, k) for k, own in enumerate(sources("random", 8, 2, seed)) for s in own)
-        connected += networkx.is_strongly_connected(graph)
+        connected += nx.is_strongly_connected(graph)
     assert connected > 20
 
 

@@ -66,7 +66,8 @@ def test_crossover_exchanges_one_block_and_never_a_whole_row(first_maps, second_
 def test_crossover_happens_with_its_probability_and_otherwise_copies():
     first, second = np.zeros((10_000, 3, 7)), np.ones((10_000, 3, 7))
     maps = np.full(10_000, 3)
-    child, crossed = operators.block_crossover(first, second, maps, maps, np.random.default_rng(3).random((10_000, 3)), 0.75)
+    uniform = np.random.default_rng(3).random((10_000, 3))
+    child, crossed = operators.block_crossover(first, second, maps, maps, uniform, 0.75)
     assert abs(crossed.mean() - 0.75) < 0.02
     np.testing.assert_array_equal(child.any(axis=(1, 2)), crossed)
     # Every (i, j) of 3 x 6 is equally likely.

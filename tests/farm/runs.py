@@ -17,6 +17,7 @@ def small_config(*overrides: str) -> RunConfig:
                 "library": {"size": 16},
                 "migration": {"emigrants": 2},
                 "phenotype": {"points": 1000},
+                "elimination": 0.75,
             },
             "stop": {"epochs": 8},
             "catalogue": {"keep": "accepted", "min_free_gb": 0.1},

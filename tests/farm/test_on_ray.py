@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import psutil
 import pytest
@@ -121,7 +122,7 @@ def _child(path, executor):
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        cwd=os.path.dirname(os.path.dirname(os.path.dirname(__file__))),
+        cwd=Path(__file__).parents[2],
     )
     for line in process.stdout:
         if line.startswith("part"):

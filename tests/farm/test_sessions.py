@@ -32,7 +32,7 @@ def test_a_run_ends_at_its_limit_with_designs_of_every_island(finished):
     assert summary.ended.progress.epochs == 8
     assert set(designs.column("island").to_pylist()) == {0, 1, 2}
     assert designs.num_rows > 30
-    assert min(designs.column("fitness").to_pylist()) >= 0.6
+    assert min(designs.column("fitness").to_pylist()) >= 0.75
     assert (path / "catalogue.png").stat().st_size > 1000
 
 
@@ -189,7 +189,7 @@ def test_what_decides_the_designs_cannot_change_on_resume(finished):
     path, _, _ = finished
     with pytest.raises(InputError, match="evolution section"):
         farm.resume(path, overrides=["evolution.seed=9"], executor="serial")
-    with pytest.raises(InputError, match="catalogue.keep"):
+    with pytest.raises(InputError, match=r"catalogue\.keep"):
         farm.resume(path, overrides=["catalogue.keep=qualified"], executor="serial")
 
 
