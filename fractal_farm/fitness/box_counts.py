@@ -6,7 +6,7 @@ box has parted from both neighbours, which gives the singletons; two alone toget
 Chao's estimator (1984) tells how many boxes of the attractor the cloud has missed.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ grid of 2^-23, so that differences between them are exact.
 All is scalar arithmetic in fixed order: the last bits of LAPACK and of numpy's reductions depend on the machine.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ cube's side. D2 is the least-squares slope of log2 C over log2 r, where C is at 
 three radii have that many).
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 

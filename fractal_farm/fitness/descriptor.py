@@ -10,7 +10,7 @@ section of n. Thus 2 n pairs cover the product of the cloud with itself evenly, 
 are sorted by a histogram of squared distances in 64 bins an octave, the leading bits of the float32.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 
@@ -93,20 +93,29 @@ def shape_descriptor(points: npt.ArrayLike) -> npt.NDArray[np.float32]:
 def _describe(cloud, work, descriptor):
     """Fill descriptor (14,) float32, zero on entry; work is a `DescriptorWorkspace` with empty bins."""
     n = cloud.shape[1]
-    if not fit_frame(cloud, work.frame, work.coordinates):
+    coordinates, keys, points = work.coordinates, work.morton.keys, work.points
+    squares, bits, pairs, distances = work.squares, work.bits, work.pairs, work.distances
+    if not fit_frame(cloud, work.frame, coordinates):
         return
-    sort_by_key(work.coordinates, n, np.float32(1.0), work.morton)
-    for axis in range(3):
-        for i in range(n):
-            work.points[axis, i] = work.coordinates[axis, np.uint32(work.morton.keys[i])]
+    sort_by_key(coordinates, n, np.float32(1.0), work.morton)
+    for i in range(n):
+        j = np.uint32(keys[i])
+        points[0, i] = coordinates[0, j]
+        points[1, i] = coordinates[1, j]
+        points[2, i] = coordinates[2, j]
     step = _lattice_step(n)
+    total = 0.0
     for r in range(_ROUNDS):
-        _squared_distances(work.points, step, r * n // _ROUNDS, work.squares)
+        _squared_distances(points, step, r * n // _ROUNDS, squares)
         for i in range(n):
-            b = np.uint64(min(max(np.int64(work.bits[i] >> np.uint32(_SHIFT)) - _FIRST, 0), _BINS - 1))
-            work.pairs[b] += 1
-            work.distances[b] += math.sqrt(work.squares[i])
-    _quantile_means(work.pairs, work.distances, _ROUNDS * n, descriptor)
+            total += squares[i]
+            b = np.uint32(max(np.int32(bits[i] >> np.uint32(_SHIFT)), np.int32(_FIRST)) - np.int32(_FIRST))
+            pairs[b] += 1
+            distances[b] += math.sqrt(np.float64(squares[i]))
+    _quantile_means(pairs, distances, _ROUNDS * n, descriptor)
+    root_mean_square = math.sqrt(total / (_ROUNDS * n))
+    for q in range(N_QUANTILES):
+        descriptor[q] /= root_mean_square
     variances = work.frame.matrix
     descriptor[N_QUANTILES] = math.sqrt(max(variances[2, 2], 0.0) / variances[0, 0])
     descriptor[N_QUANTILES + 1] = math.sqrt(max(variances[1, 1], 0.0) / variances[0, 0])
@@ -146,21 +155,21 @@ def _squared_distances(points, step, offset, squares):
 
 @kernel
 def _quantile_means(pairs, distances, total, descriptor):
-    """Means of the distances over equal shares of the pairs, in units of the root mean square."""
-    b = 0
+    """Means of the distances over twelve equal shares of the pairs, in ascending order."""
+    share = total / N_QUANTILES
+    b = -1
     left = 0.0
     mean = 0.0
     for q in range(N_QUANTILES):
-        needed = total / N_QUANTILES
+        missing = share
         gathered = 0.0
-        while needed > 0.0:
-            while left == 0.0 and b < pairs.size:
-                left = float(pairs[b])
-                mean = distances[b] / max(left, 1.0)
+        while missing > 0.0:
+            while left <= 0.0 and b + 1 < pairs.size:
                 b += 1
-            taken = min(left, needed) if left > 0.0 else needed
+                left = float(pairs[b])
+                mean = distances[b] / left if left > 0.0 else mean
+            taken = min(left, missing) if left > 0.0 else missing
             gathered += taken * mean
-            needed -= taken
+            missing -= taken
             left -= taken
-        descriptor[q] = gathered
-    return
+        descriptor[q] = gathered / share

@@ -92,7 +92,7 @@ def evaluate(
         part = evaluate_batch(genes, n_maps, phenotype, n_points, formula, by_hand)
         values[members] = np.column_stack([getattr(part, name) for name in _COLUMNS])
         refusal[members] = part.refusal
-    return Evaluation(*(np.ascontiguousarray(column) for column in values.T), refusal)
+    return _named(np.ascontiguousarray(values.T), refusal)
 
 
 def evaluate_batch(
@@ -136,7 +136,7 @@ def evaluate_batch(
     refusal = np.empty(len(genes), np.uint8)
     work = new_batch_workspace(n_points)
     _evaluate_genomes(genes, n_maps, by_hand, reading_of(phenotype), numbers_of(formula), work, values, refusal)
-    return Evaluation(*values, refusal)
+    return _named(values, refusal)
 
 
 class BatchWorkspace(NamedTuple):
@@ -182,10 +182,7 @@ def _evaluate_genome(genes, n_maps, by_hand, reading, formula, work, values):  #
     if not np.isfinite(cloud[0, last] + cloud[1, last] + cloud[2, last]):  # once infinite, an orbit stays so
         return _NOT_FINITE
     d0, d2, d0_error, d2_error = measure(cloud, work.measures)
-    if reading.affine:
-        lle = tangent_growth(system, n_maps, work.tangent)
-    else:
-        lle = similarity_exponent(system, n_maps)
+    lle = tangent_growth(system, n_maps, work.tangent) if reading.affine else similarity_exponent(system, n_maps)
     values[0] = d0
     values[1] = d2
     values[2] = lle
@@ -193,6 +190,12 @@ def _evaluate_genome(genes, n_maps, by_hand, reading, formula, work, values):  #
     values[4] = d0_error
     values[5] = d2_error
     return _NONE
+
+
+def _named(values: FloatArray, refusal: npt.NDArray[np.uint8]) -> Evaluation:
+    """An `Evaluation` from its (6, B) columns."""
+    d0, d2, lle, scores, d0_error, d2_error = values
+    return Evaluation(d0, d2, lle, scores, d0_error, d2_error, refusal)
 
 
 def _as_typed(value: Genome | npt.ArrayLike, name: str) -> Genome:

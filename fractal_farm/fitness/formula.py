@@ -6,7 +6,7 @@ Every constant is a field. The centre of the D2 term and the sign in the LLE ter
 defaults are calibrated, as NOTES explains.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 

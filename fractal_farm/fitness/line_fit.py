@@ -1,6 +1,6 @@
 """Ordinary least squares of a straight line, with the standard error of its slope."""
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ known, is therefore taken out as a control variate. For similarities nothing els
 Other programs (Sprott's, flam3) report bits: nats x 1.4427.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def lyapunov_exponent(genome: Genome | npt.ArrayLike) -> float:
 
 @kernel
 def similarity_exponent(system, n_maps):
-    """sum P_i ln rho_i of a filled `System` of similarities."""
+    """The sum of P_i ln rho_i of a filled `System` of similarities."""
     total = 0.0
     for i in range(n_maps):
         total += system.probabilities[i] * math.log(system.rows[i, RHO])

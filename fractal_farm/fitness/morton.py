@@ -4,7 +4,7 @@ A key interleaves ten bits of each coordinate. Its leading 3 l bits number the b
 for every level l at once: one radix sort serves the box counts of all levels, and the pair counts.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 

@@ -9,14 +9,14 @@ A counter is a flat uint32 array: 4 vectors of digits, 8 vectors of byte sums, a
 Kernels take it, and the totals (32,) int64, as pointers.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.fitness.simd import LANES, add_bit, add_bytes, load, no_bits, store
+from fractal_farm.fitness.simd import LANES, add_bit, add_bytes, load_words, no_bits, store_words
 from fractal_farm.ifs.kernel import kernel
 
 BINS = 32
@@ -36,22 +36,22 @@ def count(counter, words, worth, totals):
     if counter[USED] == CAPACITY:
         empty_sums(counter, worth, totals)
     counter[USED] += np.uint32(1)
-    store(counter, SUMS, add_bit(load(counter, SUMS), words, 0))
-    store(counter, SUMS + 1 * LANES, add_bit(load(counter, SUMS + 1 * LANES), words, 1))
-    store(counter, SUMS + 2 * LANES, add_bit(load(counter, SUMS + 2 * LANES), words, 2))
-    store(counter, SUMS + 3 * LANES, add_bit(load(counter, SUMS + 3 * LANES), words, 3))
-    store(counter, SUMS + 4 * LANES, add_bit(load(counter, SUMS + 4 * LANES), words, 4))
-    store(counter, SUMS + 5 * LANES, add_bit(load(counter, SUMS + 5 * LANES), words, 5))
-    store(counter, SUMS + 6 * LANES, add_bit(load(counter, SUMS + 6 * LANES), words, 6))
-    store(counter, SUMS + 7 * LANES, add_bit(load(counter, SUMS + 7 * LANES), words, 7))
+    store_words(counter, SUMS, add_bit(load_words(counter, SUMS), words, 0))
+    store_words(counter, SUMS + 1 * LANES, add_bit(load_words(counter, SUMS + 1 * LANES), words, 1))
+    store_words(counter, SUMS + 2 * LANES, add_bit(load_words(counter, SUMS + 2 * LANES), words, 2))
+    store_words(counter, SUMS + 3 * LANES, add_bit(load_words(counter, SUMS + 3 * LANES), words, 3))
+    store_words(counter, SUMS + 4 * LANES, add_bit(load_words(counter, SUMS + 4 * LANES), words, 4))
+    store_words(counter, SUMS + 5 * LANES, add_bit(load_words(counter, SUMS + 5 * LANES), words, 5))
+    store_words(counter, SUMS + 6 * LANES, add_bit(load_words(counter, SUMS + 6 * LANES), words, 6))
+    store_words(counter, SUMS + 7 * LANES, add_bit(load_words(counter, SUMS + 7 * LANES), words, 7))
 
 
 @kernel
 def empty_sums(counter, worth, totals):
     """Move the byte sums, each worth `worth`, to the totals."""
     for k in range(8):
-        add_bytes(totals, k, load(counter, SUMS + k * LANES), worth)
-        store(counter, SUMS + k * LANES, no_bits())
+        add_bytes(totals, k, load_words(counter, SUMS + k * LANES), worth)
+        store_words(counter, SUMS + k * LANES, no_bits())
     counter[USED] = np.uint32(0)
 
 
@@ -60,6 +60,6 @@ def empty(counter, worth, totals):
     """Move everything to the totals; `worth` is what a bit of the byte sums counts."""
     empty_sums(counter, worth, totals)
     for digit in range(4):
-        count(counter, load(counter, digit * LANES), worth, totals)
+        count(counter, load_words(counter, digit * LANES), worth, totals)
         empty_sums(counter, np.int64(1 << digit), totals)
-        store(counter, digit * LANES, no_bits())
+        store_words(counter, digit * LANES, no_bits())

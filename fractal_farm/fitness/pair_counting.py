@@ -14,7 +14,7 @@ compute a pair's, and each of them is monotone, so it is never larger than the d
 The tail is filled with points at infinity: their d^2 is infinite or not a number, exponent 255, bin 31 of 32, unread.
 """
 
-# mypy: disable-error-code="no-untyped-def"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 
 from __future__ import annotations
 
@@ -39,14 +39,15 @@ from fractal_farm.fitness.simd import (
     full_adder,
     lanes_below,
     lanes_equal,
-    load,
+    load_floats,
+    load_words,
     maximum,
     octave,
     one_hot,
     pointer,
     splat,
     squared_length,
-    store,
+    store_words,
     subtract,
     trailing_zeros,
     where_equal,
@@ -200,9 +201,9 @@ def _undecided(columns, boxes, stride, first):
         Bit mask of the boxes that are near and span more than one bin, and the bins of those that lie in one.
     """
     x_low, x_high, y_low, y_high, z_low, z_high = columns
-    x_lows, x_highs = load(boxes, first), load(boxes, first + stride)
-    y_lows, y_highs = load(boxes, first + 2 * stride), load(boxes, first + 3 * stride)
-    z_lows, z_highs = load(boxes, first + 4 * stride), load(boxes, first + 5 * stride)
+    x_lows, x_highs = load_floats(boxes, first), load_floats(boxes, first + stride)
+    y_lows, y_highs = load_floats(boxes, first + 2 * stride), load_floats(boxes, first + 3 * stride)
+    z_lows, z_highs = load_floats(boxes, first + 4 * stride), load_floats(boxes, first + 5 * stride)
     nearest = octave(
         squared_length(
             _gap(x_low, x_high, x_lows, x_highs),
@@ -239,26 +240,26 @@ def _reach(low, high, lows, highs):
 @kernel
 def _evaluate(points, padded, column, rows, n_rows, counter, totals):
     """Count the pairs of 32 columns with the groups listed in rows (an even number)."""
-    ones = load(counter, 0)
-    twos = load(counter, 1 * LANES)
-    fours = load(counter, 2 * LANES)
-    eights = load(counter, 3 * LANES)
+    ones = load_words(counter, 0)
+    twos = load_words(counter, 1 * LANES)
+    fours = load_words(counter, 2 * LANES)
+    eights = load_words(counter, 3 * LANES)
     used = np.int64(counter[USED])
     start = 0
     while start < n_rows:
         if used == CAPACITY:
             empty_sums(counter, np.int64(LANES), totals)
-            used = 0
+            used = np.int64(0)
         stop = min(n_rows, start + 2 * (CAPACITY - used))
         used += (stop - start) // 2
-        s0 = load(counter, SUMS)
-        s1 = load(counter, SUMS + 1 * LANES)
-        s2 = load(counter, SUMS + 2 * LANES)
-        s3 = load(counter, SUMS + 3 * LANES)
-        s4 = load(counter, SUMS + 4 * LANES)
-        s5 = load(counter, SUMS + 5 * LANES)
-        s6 = load(counter, SUMS + 6 * LANES)
-        s7 = load(counter, SUMS + 7 * LANES)
+        s0 = load_words(counter, SUMS)
+        s1 = load_words(counter, SUMS + 1 * LANES)
+        s2 = load_words(counter, SUMS + 2 * LANES)
+        s3 = load_words(counter, SUMS + 3 * LANES)
+        s4 = load_words(counter, SUMS + 4 * LANES)
+        s5 = load_words(counter, SUMS + 5 * LANES)
+        s6 = load_words(counter, SUMS + 6 * LANES)
+        s7 = load_words(counter, SUMS + 7 * LANES)
         for i in range(start, stop, 2):
             ones, twos, fours, eight0 = _add_group(points, padded, column, rows[i], ones, twos, fours)
             ones, twos, fours, eight1 = _add_group(points, padded, column, rows[i + 1], ones, twos, fours)
@@ -271,20 +272,20 @@ def _evaluate(points, padded, column, rows, n_rows, counter, totals):
             s5 = add_bit(s5, sixteen, 5)
             s6 = add_bit(s6, sixteen, 6)
             s7 = add_bit(s7, sixteen, 7)
-        store(counter, SUMS, s0)
-        store(counter, SUMS + 1 * LANES, s1)
-        store(counter, SUMS + 2 * LANES, s2)
-        store(counter, SUMS + 3 * LANES, s3)
-        store(counter, SUMS + 4 * LANES, s4)
-        store(counter, SUMS + 5 * LANES, s5)
-        store(counter, SUMS + 6 * LANES, s6)
-        store(counter, SUMS + 7 * LANES, s7)
+        store_words(counter, SUMS, s0)
+        store_words(counter, SUMS + 1 * LANES, s1)
+        store_words(counter, SUMS + 2 * LANES, s2)
+        store_words(counter, SUMS + 3 * LANES, s3)
+        store_words(counter, SUMS + 4 * LANES, s4)
+        store_words(counter, SUMS + 5 * LANES, s5)
+        store_words(counter, SUMS + 6 * LANES, s6)
+        store_words(counter, SUMS + 7 * LANES, s7)
         start = stop
     counter[USED] = np.uint32(used)
-    store(counter, 0, ones)
-    store(counter, 1 * LANES, twos)
-    store(counter, 2 * LANES, fours)
-    store(counter, 3 * LANES, eights)
+    store_words(counter, 0, ones)
+    store_words(counter, 1 * LANES, twos)
+    store_words(counter, 2 * LANES, fours)
+    store_words(counter, 3 * LANES, eights)
 
 
 @kernel(forceinline=True)
@@ -316,9 +317,9 @@ def _add_row(points, padded, column, row, ones):
 def _bins(points, padded, column, x, y, z):
     """The bins of sixteen columns against one row, as words."""
     squared_distance = squared_length(
-        subtract(load(points, column), x),
-        subtract(load(points, padded + column), y),
-        subtract(load(points, 2 * padded + column), z),
+        subtract(load_floats(points, column), x),
+        subtract(load_floats(points, padded + column), y),
+        subtract(load_floats(points, 2 * padded + column), z),
     )
     return one_hot(octave(squared_distance, NEAREST))
 
@@ -330,16 +331,16 @@ def _bounding_boxes(points, n, n_blocks, group_boxes, block_boxes):
         x = points[axis]
         low = group_boxes[2 * axis]
         high = group_boxes[2 * axis + 1]
-        for i in range(n, (n_blocks + 1) * BLOCK):
-            x[i] = np.inf
+        x[n:] = np.inf
         for group in range((n_blocks + 1) * LANES):
-            i = np.uint64(group) * np.uint64(GROUP)
-            a, b, c, d = x[i], x[i + np.uint64(1)], x[i + np.uint64(2)], x[i + np.uint64(3)]
-            low[group] = min(min(a, b), min(c, d))
-            high[group] = max(max(a, b), max(c, d))
-        block_boxes[2 * axis : 2 * axis + 2, :] = np.inf
+            i = group * GROUP
+            low[group] = min(min(x[i], x[i + 1]), min(x[i + 2], x[i + 3]))
+            high[group] = max(max(x[i], x[i + 1]), max(x[i + 2], x[i + 3]))
+        block_boxes[2 * axis, :] = np.inf
+        block_boxes[2 * axis + 1, :] = np.inf
         for block in range(n_blocks):
-            first, last = low[block * LANES], high[block * LANES]
+            first = low[block * LANES]
+            last = high[block * LANES]
             for group in range(block * LANES + 1, (block + 1) * LANES):
                 first = min(first, low[group])
                 last = max(last, high[group])

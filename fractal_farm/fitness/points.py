@@ -26,8 +26,7 @@ def as_cloud(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
         raise InputError("points: not a table of numbers; give an (n, 3) array") from None
     if table.ndim != 2 or table.shape[1] != 3 or table.shape[0] < 2:
         raise InputError(f"points: shape {table.shape}; give an (n, 3) array of at least 2 points")
-    finite = np.isfinite(table).all(axis=1)
-    if not finite.all():
-        row = int(np.argmin(finite))
+    if not np.isfinite(table).all():
+        row = int(np.argmin(np.isfinite(table).all(axis=1)))
         raise InputError(f"points: row {row} is {table[row].tolist()}; every coordinate must be a finite number")
     return np.array(table.T, order="C")

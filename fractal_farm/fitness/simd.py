@@ -1,298 +1,249 @@
 """Explicit SIMD in numba: sixteen float32, or sixteen uint32, as one value.
 
-Left to itself numba widens small integers to 64 bits and vectorises the pair count five times slower than the
-hardware allows. Here a vector is a numba type, and each operation below is a few lines of LLVM IR, inlined where it is
-called. LLVM lowers a vector to one AVX-512 register, two AVX2 or four NEON registers; all operations are exact or
-correctly rounded, so the results are the same bits on each.
-
-`Floats` and `Words` are the two types; a kernel calls the functions as it would call any other.
+Left to itself numba widens small integers to 64 bits, and the pair count runs five times slower than the hardware
+allows. Here a vector is a numba type, and each operation is a few lines of LLVM IR, inlined where a kernel calls it
+like any other function. LLVM lowers a vector to one AVX-512 register, two AVX2 or four NEON registers; all operations
+are exact or correctly rounded, so that the results are the same bits on each.
 """
-
-# mypy: disable-error-code="no-untyped-def"
 
 from __future__ import annotations
 
-from llvmlite import ir
+import functools
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
+from numba.core.registry import cpu_target
 from numba.extending import intrinsic, models, register_model
 
 LANES = 16
 
 _I1 = ir.IntType(1)
-_I8 = ir.IntType(8)
 _I32 = ir.IntType(32)
 _I64 = ir.IntType(64)
 _FLOATS = ir.VectorType(ir.FloatType(), LANES)
 _WORDS = ir.VectorType(_I32, LANES)
 
 
-class FloatsType(types.Type):  # type: ignore[misc]
+class FloatsType(types.Type):
     """Numba type of sixteen float32."""
 
     def __init__(self) -> None:
         super().__init__("simd.Floats")
 
 
-class WordsType(types.Type):  # type: ignore[misc]
+class WordsType(types.Type):
     """Numba type of sixteen uint32."""
 
     def __init__(self) -> None:
         super().__init__("simd.Words")
 
 
-Floats = FloatsType()
-Words = WordsType()
-
-
 @register_model(FloatsType)
-class _FloatsModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager, numba_type) -> None:
-        super().__init__(manager, numba_type, _FLOATS)
+class _FloatsModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, numba_type: Any) -> None:
+        super().__init__(manager, numba_type, _FLOATS)  # type: ignore[no-untyped-call]
 
 
 @register_model(WordsType)
-class _WordsModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager, numba_type) -> None:
-        super().__init__(manager, numba_type, _WORDS)
+class _WordsModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, numba_type: Any) -> None:
+        super().__init__(manager, numba_type, _WORDS)  # type: ignore[no-untyped-call]
 
 
-def _words(value: int) -> ir.Constant:
+Floats = FloatsType()
+Words = WordsType()
+FloatPointer = types.CPointer(types.float32)
+WordPointer = types.CPointer(types.uint32)
+CountPointer = types.CPointer(types.int64)
+
+
+def _operation(result: Any, *parameters: Any) -> Callable[[Callable[..., Any]], Any]:
+    """A numba function of fixed types from one that emits LLVM IR: emit(builder, *values) -> value, tuple or None."""
+
+    def decorate(emit: Callable[..., Any]) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            value = emit(builder, *arguments)
+            if value is None:
+                return context.get_dummy_value()
+            if isinstance(value, tuple):
+                return context.make_tuple(builder, signature.return_type, value)
+            return value
+
+        def definition(_typing_context: Any, *_arguments: Any) -> Any:
+            return result(*parameters), generate
+
+        functools.update_wrapper(definition, emit)  # numba reads the parameters from emit
+        return intrinsic(definition)
+
+    return decorate
+
+
+def _constant(value: int) -> Any:
     return ir.Constant(_WORDS, [value] * LANES)
 
 
-def _call(builder, name, result, *arguments):
+def _splat(builder: Any, value: Any, vector: Any) -> Any:
+    nothing = ir.Constant(vector, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.Constant(_I32, 0))
+    return builder.shuffle_vector(first, nothing, _constant(0))
+
+
+def _call(builder: Any, name: str, result: Any, *arguments: Any) -> Any:
     """Call an LLVM intrinsic."""
     signature = ir.FunctionType(result, [argument.type for argument in arguments])
     return builder.call(cgutils.get_or_insert_function(builder.module, signature, name), arguments)
 
 
-def _has_ternary_logic(context) -> bool:
+def _has_ternary_logic() -> bool:
     """Whether any function of three bits is one instruction; LLVM does not find it for a carry by itself."""
-    return "+avx512f" in getattr(context.codegen(), "_tm_features", "")
+    return "+avx512f" in getattr(cpu_target.target_context.codegen(), "_tm_features", "")
 
 
 @intrinsic
-def pointer(typing_context, array):
-    """The address of a C-contiguous array's first element, to be indexed like a flat array, unchecked.
-
-    Numba counts the references to an array wherever it is passed on, with atomic operations; in the pair count that
-    takes a third of the time. Pointers are not counted: the caller keeps the array.
-    """
-
-    def generate(context, builder, signature, arguments):
+def _pointer(_typing_context: Any, array: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 
     return types.CPointer(array.dtype)(array), generate
 
 
-@intrinsic
-def load(typing_context, memory, index):
-    """Sixteen consecutive elements from `index`: Floats of a float32 pointer, Words of a uint32 pointer."""
-    vector = Floats if memory.dtype == types.float32 else Words
+pointer: Any = _pointer
+"""pointer(array): the address of a C-contiguous array, to be indexed like a flat array, unchecked.
 
-    def generate(context, builder, signature, arguments):
-        llvm_type = context.get_value_type(signature.return_type)
-        value = builder.load(builder.bitcast(builder.gep(arguments[0], [arguments[1]]), llvm_type.as_pointer()))
-        value.align = 4
-        return value
-
-    return vector(memory, types.intp), generate
+Numba counts the references to an array wherever it is passed on, with atomic operations; in the pair count that takes a
+third of the time. Pointers are not counted: the caller keeps the array alive."""
 
 
-@intrinsic
-def store(typing_context, memory, index, words):
-    """Write sixteen words from `index` of a uint32 pointer."""
-
-    def generate(context, builder, signature, arguments):
-        place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), _WORDS.as_pointer())
-        builder.store(arguments[2], place).align = 4
-        return context.get_dummy_value()
-
-    return types.void(memory, types.intp, Words), generate
+@_operation(Floats, FloatPointer, types.intp)
+def load_floats(builder: Any, memory: Any, index: Any) -> Any:
+    """Sixteen consecutive float32 from memory[index] on."""
+    value = builder.load(builder.bitcast(builder.gep(memory, [index]), _FLOATS.as_pointer()))
+    value.align = 4
+    return value
 
 
-@intrinsic
-def splat(typing_context, value):
+@_operation(Words, WordPointer, types.intp)
+def load_words(builder: Any, memory: Any, index: Any) -> Any:
+    """Sixteen consecutive uint32 from memory[index] on."""
+    value = builder.load(builder.bitcast(builder.gep(memory, [index]), _WORDS.as_pointer()))
+    value.align = 4
+    return value
+
+
+@_operation(types.void, WordPointer, types.intp, Words)
+def store_words(builder: Any, memory: Any, index: Any, words: Any) -> None:
+    """Write sixteen uint32 to memory[index] and the following."""
+    builder.store(words, builder.bitcast(builder.gep(memory, [index]), _WORDS.as_pointer())).align = 4
+
+
+@_operation(Floats, types.float32)
+def splat(builder: Any, value: Any) -> Any:
     """One float32 in all lanes."""
-
-    def generate(context, builder, signature, arguments):
-        nothing = ir.Constant(_FLOATS, ir.Undefined)
-        first = builder.insert_element(nothing, arguments[0], ir.Constant(_I32, 0))
-        return builder.shuffle_vector(first, nothing, _words(0))
-
-    return Floats(types.float32), generate
+    return _splat(builder, value, _FLOATS)
 
 
-@intrinsic
-def subtract(typing_context, a, b):
-    """Difference a - b of each lane."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.fsub(*arguments)
-
-    return Floats(Floats, Floats), generate
+@_operation(Floats, Floats, Floats)
+def subtract(builder: Any, a: Any, b: Any) -> Any:
+    """Difference a - b in each lane."""
+    return builder.fsub(a, b)
 
 
-@intrinsic
-def maximum(typing_context, a, b):
-    """The larger of each lane; `b` where they do not compare."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.select(builder.fcmp_ordered(">", *arguments), *arguments)
-
-    return Floats(Floats, Floats), generate
+@_operation(Floats, Floats, Floats)
+def maximum(builder: Any, a: Any, b: Any) -> Any:
+    """The larger one in each lane."""
+    return builder.select(builder.fcmp_ordered(">", a, b), a, b)
 
 
-@intrinsic
-def squared_length(typing_context, x, y, z):
-    """x x + y y + z z with two fused multiply-adds: fma(x, x, fma(y, y, z z)), four roundings fewer than five."""
-
-    def generate(context, builder, signature, arguments):
-        x, y, z = arguments
-        inner = _call(builder, "llvm.fma.v16f32", _FLOATS, y, y, builder.fmul(z, z))
-        return _call(builder, "llvm.fma.v16f32", _FLOATS, x, x, inner)
-
-    return Floats(Floats, Floats, Floats), generate
+@_operation(Floats, Floats, Floats, Floats)
+def squared_length(builder: Any, x: Any, y: Any, z: Any) -> Any:
+    """Sum of squares by two fused multiply-adds, fma(x, x, fma(y, y, z z)): three roundings, each monotone."""
+    inner = _call(builder, "llvm.fma.v16f32", _FLOATS, y, y, builder.fmul(z, z))
+    return _call(builder, "llvm.fma.v16f32", _FLOATS, x, x, inner)
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[misc]
-def octave(typing_context, value, lowest):
-    """Biased binary exponent of non-negative lanes, at least `lowest` (a literal): floor(log2(value)) + 127."""
-
-    def generate(context, builder, signature, arguments):
-        exponent = builder.lshr(builder.bitcast(arguments[0], _WORDS), _words(23))
-        floor = _words(lowest.literal_value)
-        return builder.select(builder.icmp_unsigned(">", exponent, floor), exponent, floor)
-
-    if not isinstance(lowest, types.IntegerLiteral):
-        return None
-    return Words(Floats, lowest), generate
+@_operation(Words, Floats, types.int32)
+def octave(builder: Any, value: Any, lowest: Any) -> Any:
+    """Biased binary exponent of non-negative lanes, floor(log2(value)) + 127, but at least `lowest`."""
+    exponent = builder.lshr(builder.bitcast(value, _WORDS), _constant(23))
+    floor = _splat(builder, lowest, _WORDS)
+    return builder.select(builder.icmp_unsigned(">", exponent, floor), exponent, floor)
 
 
-@intrinsic
-def one_hot(typing_context, position):
+@_operation(Words, Words)
+def one_hot(builder: Any, position: Any) -> Any:
     """1 << (position mod 32) in each lane."""
-
-    def generate(context, builder, signature, arguments):
-        if _has_ternary_logic(context):
-            return _call(builder, "llvm.fshl.v16i32", _WORDS, _words(1), _words(1), arguments[0])
-        return builder.shl(_words(1), builder.and_(arguments[0], _words(31)))
-
-    return Words(Words), generate
+    if _has_ternary_logic():  # and a rotation
+        return _call(builder, "llvm.fshl.v16i32", _WORDS, _constant(1), _constant(1), position)
+    return builder.shl(_constant(1), builder.and_(position, _constant(31)))
 
 
-@intrinsic
-def no_bits(typing_context):
+@_operation(Words)
+def no_bits(_builder: Any) -> Any:
     """All bits zero."""
-
-    def generate(context, builder, signature, arguments):
-        return _words(0)
-
-    return Words(), generate
+    return _constant(0)
 
 
-@intrinsic
-def full_adder(typing_context, a, b, c):
-    """(sum, carry) of three one-bit numbers, in all bits at once: a xor b xor c, and at least two of a, b, c."""
-
-    def generate(context, builder, signature, arguments):
-        a, b, c = arguments
-        either = builder.xor(a, b)
-        if _has_ternary_logic(context):
-            table = ir.Constant(_I32, 0xE8)
-            carry = _call(builder, "llvm.x86.avx512.pternlog.d.512", _WORDS, a, b, c, table)
-        else:
-            carry = builder.or_(builder.and_(a, b), builder.and_(either, c))
-        return context.make_tuple(builder, signature.return_type, (builder.xor(either, c), carry))
-
-    return types.UniTuple(Words, 2)(Words, Words, Words), generate
+@_operation(types.UniTuple(Words, 2), Words, Words, Words)
+def full_adder(builder: Any, a: Any, b: Any, c: Any) -> Any:
+    """Sum and carry of three one-bit numbers, for all bits at once: a xor b xor c, and at least two of a, b, c."""
+    either = builder.xor(a, b)
+    if _has_ternary_logic():
+        truth_table = ir.Constant(_I32, 0b11101000)
+        carry = _call(builder, "llvm.x86.avx512.pternlog.d.512", _WORDS, a, b, c, truth_table)
+    else:
+        carry = builder.or_(builder.and_(a, b), builder.and_(either, c))
+    return builder.xor(either, c), carry
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[misc]
-def add_bit(typing_context, sums, words, bit):
-    """Four byte counters a lane: sums + ((words >> bit) & 0x01010101), so byte j counts bit (bit + 8 j)."""
-
-    def generate(context, builder, signature, arguments):
-        sums, words, _ = arguments
-        shifted = builder.lshr(words, _words(bit.literal_value))
-        return builder.add(sums, builder.and_(shifted, _words(0x01010101)))
-
-    if not isinstance(bit, types.IntegerLiteral):
-        return None
-    return Words(Words, Words, bit), generate
+@_operation(Words, Words, Words, types.int32)
+def add_bit(builder: Any, sums: Any, words: Any, bit: Any) -> Any:
+    """Four byte counters a lane: sums + ((words >> bit) & 0x01010101), so that byte j counts bit (bit + 8 j)."""
+    shifted = builder.lshr(words, _splat(builder, bit, _WORDS))
+    return builder.add(sums, builder.and_(shifted, _constant(0x01010101)))
 
 
-@intrinsic
-def add_bytes(typing_context, counts, bit, sums, weight):
-    """For each byte j of the lanes: counts[bit + 8 j] += weight * (its sum over the lanes); int64 pointer."""
-
-    def generate(context, builder, signature, arguments):
-        counts, bit, sums, weight = arguments
-        for parity_of_byte in range(2):
-            halves = builder.and_(builder.lshr(sums, _words(8 * parity_of_byte)), _words(0x00FF00FF))
-            total = _call(builder, "llvm.vector.reduce.add.v16i32", _I32, halves)
-            low = builder.and_(total, ir.Constant(_I32, 0xFFFF))
-            high = builder.lshr(total, ir.Constant(_I32, 16))
-            for byte, value in ((parity_of_byte, low), (parity_of_byte + 2, high)):
-                place = builder.add(bit, ir.Constant(bit.type, 8 * byte))
-                address = builder.gep(counts, [place])
-                amount = builder.mul(weight, builder.zext(value, _I64))
-                builder.store(builder.add(builder.load(address), amount), address)
-        return context.get_dummy_value()
-
-    return types.void(counts, types.intp, Words, types.int64), generate
+@_operation(types.void, CountPointer, types.int64, Words, types.int64)
+def add_bytes(builder: Any, counts: Any, bit: Any, sums: Any, worth: Any) -> None:
+    """For each byte j of the lanes: counts[bit + 8 j] += worth x (the sum of that byte over the lanes)."""
+    for odd in range(2):
+        pairs_of_bytes = builder.and_(builder.lshr(sums, _constant(8 * odd)), _constant(0x00FF00FF))
+        total = _call(builder, "llvm.vector.reduce.add.v16i32", _I32, pairs_of_bytes)
+        low = builder.and_(total, ir.Constant(_I32, 0xFFFF))
+        high = builder.lshr(total, ir.Constant(_I32, 16))
+        for byte, sum_of_byte in ((odd, low), (odd + 2, high)):
+            address = builder.gep(counts, [builder.add(bit, ir.Constant(_I64, 8 * byte))])
+            amount = builder.mul(worth, builder.zext(sum_of_byte, _I64))
+            builder.store(builder.add(builder.load(address), amount), address)
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[misc]
-def lanes_below(typing_context, words, limit):
-    """Bit mask (uint32) of the lanes with words < limit (a literal)."""
-
-    def generate(context, builder, signature, arguments):
-        below = builder.icmp_unsigned("<", arguments[0], _words(limit.literal_value))
-        return builder.zext(builder.bitcast(below, ir.IntType(LANES)), _I32)
-
-    if not isinstance(limit, types.IntegerLiteral):
-        return None
-    return types.uint32(Words, limit), generate
+@_operation(types.uint32, Words, types.int32)
+def lanes_below(builder: Any, words: Any, limit: Any) -> Any:
+    """Bit mask of the lanes with words < limit."""
+    below = builder.icmp_unsigned("<", words, _splat(builder, limit, _WORDS))
+    return builder.zext(builder.bitcast(below, ir.IntType(LANES)), _I32)
 
 
-@intrinsic
-def lanes_equal(typing_context, a, b):
-    """Bit mask (uint32) of the lanes with a == b."""
-
-    def generate(context, builder, signature, arguments):
-        equal = builder.icmp_unsigned("==", *arguments)
-        return builder.zext(builder.bitcast(equal, ir.IntType(LANES)), _I32)
-
-    return types.uint32(Words, Words), generate
+@_operation(types.uint32, Words, Words)
+def lanes_equal(builder: Any, a: Any, b: Any) -> Any:
+    """Bit mask of the lanes with a == b."""
+    return builder.zext(builder.bitcast(builder.icmp_unsigned("==", a, b), ir.IntType(LANES)), _I32)
 
 
-@intrinsic
-def trailing_zeros(typing_context, word):
-    """Number of zero bits below the lowest set bit of a uint32 (32 for zero)."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.zext(_call(builder, "llvm.cttz.i32", _I32, arguments[0], ir.Constant(_I1, 0)), _I64)
-
-    return types.int64(types.uint32), generate
+@_operation(Words, Words, Words, Words)
+def where_equal(builder: Any, a: Any, b: Any, words: Any) -> Any:
+    """The words in the lanes with a == b, zero elsewhere."""
+    return builder.select(builder.icmp_unsigned("==", a, b), words, _constant(0))
 
 
-@intrinsic
-def leading_zeros(typing_context, word):
-    """Number of zero bits above the highest set bit of a uint32 (32 for zero)."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.zext(_call(builder, "llvm.ctlz.i32", _I32, arguments[0], ir.Constant(_I1, 0)), _I64)
-
-    return types.int64(types.uint32), generate
+@_operation(types.int64, types.uint32)
+def trailing_zeros(builder: Any, word: Any) -> Any:
+    """Number of zero bits below the lowest set bit; 32 for zero."""
+    return builder.zext(_call(builder, "llvm.cttz.i32", _I32, word, ir.Constant(_I1, 0)), _I64)
 
 
-@intrinsic
-def where_equal(typing_context, a, b, words):
-    """`words` in the lanes with a == b, zero elsewhere."""
-
-    def generate(context, builder, signature, arguments):
-        a, b, words = arguments
-        return builder.select(builder.icmp_unsigned("==", a, b), words, _words(0))
-
-    return Words(Words, Words, Words), generate
+@_operation(types.int64, types.uint32)
+def leading_zeros(builder: Any, word: Any) -> Any:
+    """Number of zero bits above the highest set bit; 32 for zero."""
+    return builder.zext(_call(builder, "llvm.ctlz.i32", _I32, word, ir.Constant(_I1, 0)), _I64)
