@@ -29,7 +29,7 @@ from fractal_farm.ifs.support import longest_side, tighten_box
 
 TOLERANCE = 1e-3
 BOX_TOLERANCE = 2e-4
-MAX_PIECES = 32_768
+MAX_PIECES = 65_536
 MAX_PAIRS = 65_536
 MAX_BOX_NODES = 4_000
 _POINT = 1e-12
@@ -46,6 +46,8 @@ class GapWorkspace(NamedTuple):
         n_pieces: (1,) int64, how many there are.
         keys: (MAX_PAIRS,) float64, a heap of pairs of pieces.
         pairs: (MAX_PAIRS, 2) int64, the two pieces of each.
+        closest: (MAX_MAPS, MAX_MAPS, 2, 3) float64, the closest points found of pieces i > j.
+        contacts: (MAX_MAPS, 2, 3) float64, those of the N - 1 edges of the spanning tree.
     """
 
     enclosure: Enclosure
@@ -55,6 +57,8 @@ class GapWorkspace(NamedTuple):
     n_pieces: npt.NDArray[np.int64]
     keys: npt.NDArray[np.float64]
     pairs: npt.NDArray[np.int64]
+    closest: npt.NDArray[np.float64]
+    contacts: npt.NDArray[np.float64]
 
 
 def gap(genome: Genome | npt.ArrayLike) -> float:
@@ -71,9 +75,23 @@ def gap(genome: Genome | npt.ArrayLike) -> float:
     Raises:
         InputError: the genome is invalid.
     """
-    valid = as_genome(genome)
-    value, _, _ = gap_of_maps(system_of(valid).maps, valid.n_maps, new_gap_workspace())
-    return float(value)
+    value, _, _ = measure_gap(as_genome(genome))
+    return value
+
+
+def measure_gap(genome: Genome) -> tuple[float, npt.NDArray[np.float64], Enclosure]:
+    """What a solid is planned from.
+
+    Args:
+        genome: a valid genome.
+
+    Returns:
+        The gap; (N - 1, 2, 3) float64, the two points where each edge of the spanning tree ends, IFS units; and the
+        enclosure of the attractor.
+    """
+    workspace = new_gap_workspace()
+    value, _, _ = gap_of_maps(system_of(genome).maps, genome.n_maps, workspace)
+    return float(value), workspace.contacts[: genome.n_maps - 1].copy(), workspace.enclosure
 
 
 @kernel
@@ -87,6 +105,8 @@ def new_gap_workspace():  # type: ignore[no-untyped-def]
         np.zeros(1, np.int64),
         np.empty(MAX_PAIRS),
         np.empty((MAX_PAIRS, 2), np.int64),
+        np.zeros((MAX_MAPS, MAX_MAPS, 2, 3)),
+        np.zeros((MAX_MAPS, 2, 3)),
     )
 
 
@@ -111,6 +131,9 @@ def gap_of_maps(maps, n_maps, workspace):  # type: ignore[no-untyped-def]
     for i in range(n_maps):
         offset = max(offset, abs(maps[i, 3]), abs(maps[i, 7]), abs(maps[i, 11]))
     if side <= _POINT * offset:
+        for i in range(n_maps):
+            workspace.contacts[i, 0] = enclosure.anchor[:3]
+            workspace.contacts[i, 1] = enclosure.anchor[:3]
         return 0.0, 0.0, 0
     _plant(maps, n_maps, workspace)
     return _spanning_tree(maps, n_maps, side, workspace)
@@ -140,13 +163,14 @@ def _spanning_tree(maps, n_maps, side, workspace):  # type: ignore[no-untyped-de
                     b = j
         if not found[a, b]:
             lower[a, b], excess[a, b], used = _piece_distance(
-                maps, n_maps, 1 + a, 1 + b, longest, TOLERANCE * side, MAX_PAIRS - splits, workspace
+                maps, n_maps, 1 + a, 1 + b, longest, TOLERANCE * side, workspace
             )
             found[a, b] = True
             splits += used
             continue
         longest = max(longest, lower[a, b])
         uncertain = max(uncertain, excess[a, b])
+        workspace.contacts[n_maps - trees] = workspace.closest[a, b]
         joined = group[a]
         for k in range(n_maps):
             if group[k] == joined:
@@ -156,7 +180,7 @@ def _spanning_tree(maps, n_maps, side, workspace):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _piece_distance(maps, n_maps, a, b, floor, tolerance, max_splits, workspace):  # type: ignore[no-untyped-def]
+def _piece_distance(maps, n_maps, a, b, floor, tolerance, workspace):  # type: ignore[no-untyped-def]
     """Distance of two pieces, best pairs first.
 
     Args:
@@ -166,14 +190,17 @@ def _piece_distance(maps, n_maps, a, b, floor, tolerance, max_splits, workspace)
         b: index of another.
         floor: a distance known to be no more than this need not be known better.
         tolerance: how close the answer shall be, IFS units.
-        max_splits: how many pairs may be split.
         workspace: `GapWorkspace`.
 
     Returns:
         A distance between two points of the pieces; by how much it can exceed the least; how many pairs were split.
     """
     pieces = workspace.pieces
+    closest = workspace.closest[a - 1, b - 1]
+    if workspace.n_pieces[0] > MAX_PIECES // 2:
+        _plant(maps, n_maps, workspace)
     best = _apart(a, b, workspace)
+    _note(a, b, workspace, closest)
     low = 0.0
     splits = 0
     height = _push(0, a, b, best, workspace)
@@ -181,7 +208,7 @@ def _piece_distance(maps, n_maps, a, b, floor, tolerance, max_splits, workspace)
         low = max(workspace.keys[0], 0.0)
         if best <= max(floor, tolerance) or low >= best - tolerance:
             return best, min(best - low, tolerance), splits
-        if splits >= max_splits or height + n_maps > MAX_PAIRS or workspace.n_pieces[0] + n_maps > MAX_PIECES:
+        if splits >= MAX_PAIRS or height + n_maps > MAX_PAIRS or workspace.n_pieces[0] + n_maps > MAX_PIECES:
             return best, best - low, splits
         a = workspace.pairs[0, 0]
         b = workspace.pairs[0, 1]
@@ -193,7 +220,10 @@ def _piece_distance(maps, n_maps, a, b, floor, tolerance, max_splits, workspace)
             _split(maps, n_maps, a, workspace)
         for k in range(n_maps):
             child = workspace.children[a] + k
-            best = min(best, _apart(child, b, workspace))
+            here = _apart(child, b, workspace)
+            if here < best:
+                best = here
+                _note(child, b, workspace, closest)
             height = _push(height, child, b, best - tolerance, workspace)
     return best, tolerance, splits
 
@@ -234,6 +264,13 @@ def _place(a, size, workspace):  # type: ignore[no-untyped-def]
     piece[6] = size * ball[3]
     piece[7] = size
     workspace.children[a] = 0
+
+
+@kernel
+def _note(a, b, workspace, closest):  # type: ignore[no-untyped-def]
+    """Write down the points of two pieces."""
+    closest[0] = workspace.pieces[a, 3:6]
+    closest[1] = workspace.pieces[b, 3:6]
 
 
 @kernel(inline="always")
