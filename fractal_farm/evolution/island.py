@@ -14,7 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
-from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, design_dtype, total_order, without_repeats
+from fractal_farm.evolution.designs import (
+    SCORE_FIELDS,
+    Designs,
+    Operator,
+    design_dtype,
+    total_order,
+    without_repeats,
+)
 from fractal_farm.evolution.migration import emigrants, settle
 from fractal_farm.evolution.offspring import Brood, founders, max_maps, offspring
 from fractal_farm.ifs.genome import ROW_LENGTH, design_id
@@ -194,7 +201,8 @@ def _found(work: _Epoch, brood: Brood, scores: Scores, config: EvolutionConfig, 
     rows = _scored(brood, scores, config, island, 0, 0)
     found = without_repeats(_identified(rows[scores.refusals == 0], config), work.library)
     work.library = np.concatenate([work.library, found])
-    work.born.append(found)
+    # Every island begins with the same seeds; they are born on the first.
+    work.born.append(found if island == 0 else found[found["operator"] != Operator.SEED])
     work.statistics.append(_statistics(work, config, 0, rows["fitness"], scores.refusals, len(found)))
 
 

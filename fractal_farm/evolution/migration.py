@@ -45,7 +45,7 @@ def sources(topology: str, islands: int, degree: int, seed: int) -> list[tuple[i
 
 
 def _best(library: Designs, count: int, _rng: np.random.Generator) -> list[int]:
-    return total_order(library)[:count].tolist()
+    return [int(index) for index in total_order(library)[:count]]
 
 
 def _random(library: Designs, count: int, rng: np.random.Generator) -> list[int]:

@@ -7,7 +7,7 @@ A slot whose similarity dimension falls outside the configured range draws again
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +71,8 @@ def founders(config: EvolutionConfig, island: int) -> Brood:
         np.full(len(seeds), Operator.SEED, np.uint8),
     )
     rest = brood.slots >= len(seeds)
-    return Brood(*(np.concatenate([ours, theirs[rest]]) for ours, theirs in zip(planted, brood, strict=True)))
+    columns: Any = zip(planted, brood, strict=True)
+    return Brood(*(np.concatenate([ours, theirs[rest]]) for ours, theirs in columns))
 
 
 def offspring(library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int) -> Brood:

@@ -80,7 +80,7 @@ def fitness_proportional(fitness: FloatArray, uniform: FloatArray) -> npt.NDArra
     if not cumulative[-1] > 0.0:
         return np.minimum((uniform * len(fitness)).astype(np.intp), len(fitness) - 1)
     drawn = np.searchsorted(cumulative, uniform * cumulative[-1], side="right")
-    return np.minimum(drawn, len(fitness) - 1)
+    return np.asarray(np.minimum(drawn, len(fitness) - 1), np.intp)
 
 
 def block_crossover(
@@ -141,7 +141,8 @@ def gaussian_mutation(
     real = (np.arange(genes.shape[1]) < n_maps[:, None])[:, :, None]
     moved = (uniform < probability) & real
     mutant = np.where(moved, genes + sigma * normal, genes)
-    return _repair_affine(mutant, n_maps) if affine else _repair(mutant, real), moved.any(axis=(1, 2))
+    repaired = _repair_affine(mutant, n_maps) if affine else _repair(mutant, real)
+    return repaired, np.asarray(moved.any(axis=(1, 2)))
 
 
 def similarity_dimension_within(

@@ -46,8 +46,9 @@ def status(path: Path) -> dict[str, Any]:
     counts = designs.column("n_maps").value_counts().to_pylist()
     log = list(read_log(path, run_id))
     ended = info.ends[-1] if info.ends else None
-    current = ended is not None and ended["progress"]["epochs"] == progress.epochs
-    finished = current and not ended["interrupted"]
+    if ended is not None and ended["progress"]["epochs"] != progress.epochs:
+        ended = None  # it went on since then
+    finished = ended is not None and not ended["interrupted"]
     state = "running" if info.live else "ended" if finished else "interrupted"
     failures = sum(1 for entry in log if entry["event"] == "MeshFinished" and entry["failure"])
     wall = config.solids.wall_mm / config.solids.size_mm
@@ -56,7 +57,7 @@ def status(path: Path) -> dict[str, Any]:
         "name": config.name,
         "path": str(path),
         "state": state,
-        "reason": ended["reason"] if ended and current else None,
+        "reason": ended["reason"] if ended else None,
         "digest": catalogue.digest(run_id),
         **asdict(progress),
         "designs": designs.num_rows,

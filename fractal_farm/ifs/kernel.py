@@ -34,7 +34,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(kernel, **options)
     directory = cache_directory(function.__module__)
-    numba.config.CACHE_DIR = str(directory)
+    numba.config.CACHE_DIR = str(directory)  # type: ignore[attr-defined]
     return numba.njit(nogil=True, cache=True, error_model="numpy", **options)(function)
 
 
