@@ -114,7 +114,7 @@ class RunView:
             f"epoch {p.epochs}",
             f"{p.evaluated:,} evaluated ({self.rate:,.0f}/s)",
             f"{p.designs:,} designs",
-            f"{p.qualified:,} qualified",
+            f"{p.kept_qualified:,} qualified",
             f"best {p.best_fitness:.3f}",
             f"{self.meshes}{wanted} meshes",
             f"{byte_count(self.bytes)} in {self.files} files",
@@ -122,6 +122,8 @@ class RunView:
         ]
         if self.ending is not None:
             parts.append(self.ending)
+        elif self.fraction(now) == 1.0:
+            parts.append("meshing")
         elif (left := self.left_s(now)) is not None:
             parts.append(f"{duration(left)} left")
         return ", ".join(parts)

@@ -121,10 +121,11 @@ def _saying_how_to_resume(directory: Path) -> Iterator[None]:
 
 
 def _report(summary: RunSummary, as_json: bool) -> int:
+    ended = summary.ended
+    say(f"go on with: farm resume {summary.path}" if ended.interrupted else f"the best: farm list {summary.path}")
     if as_json:
         print_json(summary.as_dict())
         return summary.exit_code
-    ended = summary.ended
     progress = ended.progress
     failed = f", {ended.mesh_failures} failed" if ended.mesh_failures else ""
     print_facts(
@@ -138,10 +139,6 @@ def _report(summary: RunSummary, as_json: bool) -> int:
             "digest": ended.digest,
         }
     )
-    if ended.interrupted:
-        say(f"go on with: farm resume {summary.path}")
-    else:
-        say(f"look at the best with: farm list {summary.path}")
     return summary.exit_code
 
 

@@ -23,7 +23,7 @@ def started(**stop: float | None) -> RunStarted:
 
 
 def epoch(number: int, elapsed_s: float) -> EpochCompleted:
-    progress = Progress(epochs=number, evaluated=1000 * number, designs=40 * number, qualified=10 * number)
+    progress = Progress(epochs=number, evaluated=1000 * number, designs=40 * number, kept_qualified=10 * number)
     return EpochCompleted(number - 1, progress, elapsed_s, 1234.5)
 
 
@@ -65,6 +65,14 @@ def test_the_line_has_rate_qualified_meshes_and_disk() -> None:
     for part in ("epoch 2", "2,000 evaluated (1,234/s)", "80 designs", "20 qualified", "3 of 12 meshes",
                  "4.2 MB in 31 files", "1:02", "left"):  # fmt: skip
         assert part in line, line
+
+
+def test_at_the_limit_the_rest_is_meshing() -> None:
+    view = RunView()
+    view.take(started(epochs=2), 0.0)
+    view.take(epoch(1, 1.0), 1.0)
+    view.take(epoch(2, 2.0), 2.0)
+    assert view.line(5.0).endswith(", meshing")
 
 
 def test_what_needs_attention_gets_a_line_of_its_own() -> None:
