@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow.compute as pc
 
 from fractal_farm.catalogue import Catalogue
 from fractal_farm.catalogue.durable import put
@@ -36,6 +37,8 @@ def write_sheet(root: Path, config: RunConfig) -> Path | None:
     best = catalogue.designs(["design_id", "fitness", "descriptor"], config.run_id).slice(0, _CONSIDERED)
     if best.num_rows == 0:
         return None
+    qualified = pc.sum(pc.greater(best.column("fitness"), config.evolution.qualified)).as_py()
+    best = best.slice(0, max(qualified, COLUMNS * ROWS))
     descriptors = np.array(best.column("descriptor").to_pylist(), np.float64)
     chosen = different_first(descriptors, COLUMNS * ROWS)
     rows = best.select(["design_id", "fitness"]).take(chosen).to_pylist()
