@@ -75,7 +75,7 @@ def score(
         print_json(reports)
         return
     print_table(
-        ["genome", "P", "ratios", "D0", "D2", "LLE", "fitness", "similarity dimension"],
+        ["genome", "P", "ratios", "D0", "D2", "LLE", "fitness", "Moran"],
         [
             [
                 r["name"],

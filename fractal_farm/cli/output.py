@@ -50,13 +50,13 @@ def plain(value: Any) -> Any:
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: str | None = None) -> None:
-    """A table; numbers to the right. Plain lines of full width when stdout is not a terminal."""
+    """A table; numbers to the right. On a narrow terminal texts give way; elsewhere lines have their full width."""
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for index, name in enumerate(columns):
         numeric = all(isinstance(row[index], (int, float)) or row[index] is None for row in rows)
-        table.add_column(name, justify="right" if numeric else "left", no_wrap=True)
+        table.add_column(name, justify="right" if numeric else "left", no_wrap=numeric, overflow="ellipsis")
     for row in rows:
         table.add_row(*(text(cell) for cell in row))
     _console().print(table)
