@@ -3,71 +3,81 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from fractal_farm.errors import InputError
-from fractal_farm.ifs.genome import Genome
-from fractal_farm.ifs.random_iteration import attractor_points
-from fractal_farm.picture.cloud import GROUND, cloud_picture, dual_tone, linear_gradient
+from fractal_farm.ifs.genome import Genome, as_genome
+from fractal_farm.picture.cloud import cloud_picture
+from fractal_farm.picture.colours import coloured, legible
+from fractal_farm.picture.ground import NIGHT
+from fractal_farm.picture.points import display_points
 
-Colouring = Literal["gradient", "dual"]
-_GUTTER = 12
-_CAPTION = 26
-_INK = (150, 156, 168)
+_GUTTER = 10
+_CAPTION = 28
+_INK = (158, 164, 178)
+_POINTS_A_PIXEL = 0.6
 
 
 def render_genome(
-    genome: Genome | npt.ArrayLike, size: int = 512, n_points: int | None = None, colouring: Colouring = "gradient"
+    genome: Genome | npt.ArrayLike,
+    size: int = 512,
+    n_points: int | None = None,
+    colouring: str = "gradient",
 ) -> Image.Image:
-    """A picture of one design.
+    """A picture of one design: all of its attractor, in the paper's colours, brightened where they are too dark.
 
     Args:
         genome: a `Genome` or an (N, 7) array.
-        size: width and height, pixels.
-        n_points: points to draw; enough to fill the picture if None.
-        colouring: "gradient" or "dual", the two of the paper.
+        size: width and height, pixels, 16 to 8192.
+        n_points: about how many points to draw; enough for the size if None.
+        colouring: "gradient" or "dual".
 
     Raises:
         InputError: an invalid genome, or arguments out of range.
     """
-    painters = {"gradient": linear_gradient, "dual": dual_tone}
-    if colouring not in painters:
-        raise InputError(f"colouring is {colouring!r}; choose one of {', '.join(painters)}")
-    count = n_points if n_points is not None else max(20_000, 2 * size * size)
-    points = attractor_points(genome, count, "display")
-    return Image.fromarray(cloud_picture(points, size, painters[colouring](points)))
+    valid = as_genome(genome)
+    if n_points is None:
+        n_points = max(20_000, int(_POINTS_A_PIXEL * size * size))
+    if n_points < 100:
+        raise InputError(f"n_points is {n_points}; draw at least 100")
+    points, radius = display_points(valid, n_points)
+    colours = legible(coloured(points, colouring))
+    return Image.fromarray(cloud_picture(points, size, colours, point_radius=radius))
 
 
 def design_sheet(
-    designs: Sequence[tuple[Genome, str]], columns: int = 6, tile: int = 256, colouring: Colouring = "gradient"
+    designs: Sequence[tuple[Genome, str]],
+    columns: int = 6,
+    tile: int = 256,
+    colouring: str = "gradient",
 ) -> Image.Image:
     """A sheet of designs with a caption under each.
 
     Args:
         designs: genomes and captions, in reading order.
-        columns: designs in a row.
+        columns: designs in a row, at least 1.
         tile: width and height of one picture, pixels.
         colouring: "gradient" or "dual".
 
     Raises:
-        InputError: no designs.
+        InputError: no designs, no columns, or arguments out of range.
     """
     if not designs:
         raise InputError("no designs to draw; choose at least one")
+    if columns < 1:
+        raise InputError(f"columns is {columns}; give at least 1")
     columns = min(columns, len(designs))
     rows = -(-len(designs) // columns)
-    width = columns * (tile + _GUTTER) + _GUTTER
-    height = rows * (tile + _CAPTION + _GUTTER) + _GUTTER
-    ground = tuple(int(255 * value) for value in GROUND)
-    sheet = Image.new("RGB", (width, height), ground)
+    step = tile + _GUTTER
+    ground = tuple(int(255 * value + 0.5) for value in NIGHT)
+    sheet = Image.new("RGB", (columns * step + _GUTTER, rows * (step + _CAPTION) + _GUTTER), ground)
     draw = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(13)
     for index, (genome, caption) in enumerate(designs):
-        left = _GUTTER + (index % columns) * (tile + _GUTTER)
-        top = _GUTTER + (index // columns) * (tile + _CAPTION + _GUTTER)
+        left = _GUTTER + (index % columns) * step
+        top = _GUTTER + (index // columns) * (step + _CAPTION)
         sheet.paste(render_genome(genome, tile, colouring=colouring), (left, top))
-        draw.text((left + tile / 2, top + tile + _CAPTION / 2), caption, _INK, font, anchor="mm")
+        draw.text((left + tile / 2, top + tile + _CAPTION / 2 - 2), caption, _INK, font, anchor="mm")
     return sheet
