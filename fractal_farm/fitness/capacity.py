@@ -1,10 +1,11 @@
 """Capacity dimension D0 by box counting (NOTES; paper section 3.3.4).
 
 Boxes of side 2^-1 to 2^-10 of the bounding cube are counted, and those of the cube enlarged by sqrt 2, so that scales
-come in half octaves. Counts are corrected for unseen boxes; scales at which more than every second point would have a
-box for itself tell nothing and are left out. One least-squares line of log2 N over log2 (1 / side) runs through all.
+come in half octaves. Counts are corrected for unseen boxes. Scales tell nothing where more than every second point
+would have a box for itself, nor where fewer than five boxes are occupied, which says how the grid lies; the latter are
+left out if six others remain. One least-squares line of log2 N over log2 (1 / side) runs through the rest.
 
-At 5,000 points the error (rmse) is .02 to .06 for D0 up to 2. Sets of dimension 2 to 3 are underestimated, by .5 for
+At 5,000 points the error (rmse) is .04 to .06 for D0 below 2. Sets of dimension 2 to 3 are underestimated, by .5 for
 the full cube: no box count of so few points does better.
 """
 
@@ -24,6 +25,8 @@ from fractal_farm.fitness.morton import LEVELS, MortonWorkspace, new_morton_work
 from fractal_farm.ifs.kernel import kernel
 
 FAMILIES = 2
+FEWEST_BOXES = 5
+ENOUGH_SCALES = 6
 
 
 class BoxWorkspace(NamedTuple):
@@ -35,6 +38,7 @@ class BoxWorkspace(NamedTuple):
         boxes: (3, 12) int64.
         scales: (20,) float64, log2 (1 / side).
         logs: (20,) float64, log2 of the number of boxes.
+        occupied: (20,) int64, number of boxes seen.
     """
 
     morton: MortonWorkspace
@@ -42,6 +46,7 @@ class BoxWorkspace(NamedTuple):
     boxes: npt.NDArray[np.int64]
     scales: npt.NDArray[np.float64]
     logs: npt.NDArray[np.float64]
+    occupied: npt.NDArray[np.int64]
 
 
 def new_box_workspace(n: int) -> BoxWorkspace:
@@ -52,6 +57,7 @@ def new_box_workspace(n: int) -> BoxWorkspace:
         np.empty((3, LEVELS + 2), np.int64),
         np.empty(FAMILIES * LEVELS),
         np.empty(FAMILIES * LEVELS),
+        np.empty(FAMILIES * LEVELS, np.int64),
     )
 
 
@@ -64,17 +70,27 @@ def box_dimension(frame, n, work):
         n: number of points.
         work: `BoxWorkspace` of at least n points; leaves the cloud's own Morton order in work.morton.keys.
     """
+    scales, logs, occupied, boxes = work.scales, work.logs, work.occupied, work.boxes
     used = 0
+    telling = 0
     for enlarged in (0.5, 0.0):  # log2 of the cube's side
         cube = np.float32(math.sqrt(2.0) if enlarged > 0.0 else 1.0)
         sort_by_key(frame, n, cube, work.morton)
-        count_boxes(work.morton.keys, n, work.parting, work.boxes)
+        count_boxes(work.morton.keys, n, work.parting, boxes)
         for level in range(1, LEVELS + 1):
-            occupied = work.boxes[OCCUPIED, level]
-            if level - enlarged >= 1.0 and 2 * occupied <= n:
-                boxes = chao1(occupied, work.boxes[SINGLE, level], work.boxes[DOUBLE, level])
-                work.scales[used] = level - enlarged
-                work.logs[used] = math.log2(boxes)
+            if level - enlarged >= 1.0 and 2 * boxes[OCCUPIED, level] <= n:
+                scales[used] = level - enlarged
+                logs[used] = math.log2(chao1(boxes[OCCUPIED, level], boxes[SINGLE, level], boxes[DOUBLE, level]))
+                occupied[used] = boxes[OCCUPIED, level]
+                telling += 1 if occupied[used] >= FEWEST_BOXES else 0
                 used += 1
-    slope, error = fit_slope(work.scales, work.logs, used)
+    if telling >= ENOUGH_SCALES:
+        kept = 0
+        for i in range(used):
+            if occupied[i] >= FEWEST_BOXES:
+                scales[kept] = scales[i]
+                logs[kept] = logs[i]
+                kept += 1
+        used = kept
+    slope, error = fit_slope(scales, logs, used)
     return min(3.0, max(0.0, slope)), error

@@ -116,9 +116,10 @@ def _describe(cloud, work, descriptor):
     root_mean_square = math.sqrt(total / (_ROUNDS * n))
     for q in range(N_QUANTILES):
         descriptor[q] /= root_mean_square
-    variances = work.frame.matrix
-    descriptor[N_QUANTILES] = math.sqrt(max(variances[2, 2], 0.0) / variances[0, 0])
-    descriptor[N_QUANTILES + 1] = math.sqrt(max(variances[1, 1], 0.0) / variances[0, 0])
+    variances = work.frame.variances
+    if variances[0] > 0.0:
+        descriptor[N_QUANTILES] = math.sqrt(variances[2] / variances[0])
+        descriptor[N_QUANTILES + 1] = math.sqrt(variances[1] / variances[0])
 
 
 @kernel
