@@ -35,6 +35,8 @@ class SolidParameters:
     thicken: bool = True
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "size_mm", float(self.size_mm))
+        object.__setattr__(self, "wall_mm", float(self.wall_mm))
         if not (math.isfinite(self.size_mm) and self.size_mm > 0.0):
             raise InputError(f"size_mm is {self.size_mm}; give a length above 0")
         if not (math.isfinite(self.wall_mm) and 0.0 < self.wall_mm < self.size_mm / 3.0):

@@ -18,7 +18,7 @@ from fractal_farm.ifs.kernel import kernel
 
 MARGIN = 4.0
 _BAND = 2.0
-_COMPENSATION = 0.3
+_LOSS = 0.7
 _SMOOTHING = 0.75
 _SAG = 0.06
 
@@ -71,8 +71,8 @@ def distance_field(skeleton: Skeleton, grid: Grid) -> npt.NDArray[np.float32]:
     """Distance to the surface of the union of balls about points, negative inside.
 
     The field is smoothed over less than a voxel: that closes pinholes and creases between balls which no printer could
-    make. The balls are a third of a voxel larger than asked for, which is what smoothing, notches between balls and the
-    corners that marching cubes cuts take away from a thin wire.
+    make. The balls are a fraction of a voxel larger than asked for, which is what smoothing, notches between balls and
+    the corners that marching cubes cuts take away from a wire, the more the thinner it is.
 
     Args:
         skeleton: what the balls are about; inside of the box that the grid was made for.
@@ -81,7 +81,7 @@ def distance_field(skeleton: Skeleton, grid: Grid) -> npt.NDArray[np.float32]:
     Returns:
         `grid.shape` float32, in voxels; never exactly 0, where marching cubes could tear the surface.
     """
-    radius = grid.radius + _COMPENSATION
+    radius = grid.radius + _SAG + _LOSS / grid.radius
     reach = radius + _BAND
     scale = 1.0 / grid.spacing
     taken = np.zeros(tuple(int(n / grid.cell) + 3 for n in grid.shape), np.bool_)

@@ -1,0 +1,35 @@
+import pytest
+
+from fractal_farm.errors import InputError
+from fractal_farm.solid import SolidParameters
+
+
+def test_the_hash_tells_parameters_apart_and_equal_ones_not():
+    assert SolidParameters().hash == SolidParameters(30, 0.8, 180, True).hash
+    others = [SolidParameters(31), SolidParameters(wall_mm=0.9), SolidParameters(resolution=200)]
+    others += [SolidParameters(thicken=False)]
+    assert len({each.hash for each in [SolidParameters(), *others]}) == 5
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"size_mm": 0.0}, "size_mm is 0"),
+        ({"size_mm": float("inf")}, "size_mm is inf"),
+        ({"wall_mm": -1.0}, "wall_mm is -1"),
+        ({"wall_mm": 11.0}, "below a third"),
+        ({"resolution": 8}, "32 to 1000"),
+    ],
+)
+def test_values_out_of_range_are_refused_by_name(values, message):
+    with pytest.raises(InputError, match=message):
+        SolidParameters(**values)
+
+
+def test_a_wall_too_thin_for_the_voxels_is_refused_with_three_remedies_that_pass():
+    with pytest.raises(InputError, match=r"resolution >= 450, wall_mm >= 0.5, or size_mm <= 12") as refusal:
+        SolidParameters(30.0, 0.2)
+    assert "0.2" in str(refusal.value)
+    SolidParameters(30.0, 0.2, 450)
+    SolidParameters(30.0, 0.5)
+    SolidParameters(12.0, 0.2)
