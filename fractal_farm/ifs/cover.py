@@ -15,7 +15,16 @@ import numpy.typing as npt
 
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.cell_search import cells_of, search_cells
-from fractal_farm.ifs.enclosure import Enclosure, compose, contraction_of, enclose, image, new_enclosure
+from fractal_farm.ifs.enclosure import (
+    Enclosure,
+    compose,
+    contraction_of,
+    copy_numbers,
+    enclose,
+    image,
+    make_identity,
+    new_enclosure,
+)
 from fractal_farm.ifs.genome import Genome, as_genome
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.random_iteration import system_of
@@ -131,10 +140,7 @@ def cut_set(maps, n_maps, enclosure, radius, max_points):  # type: ignore[no-unt
     anchor = enclosure.anchor
     small = radius / anchor[3] if anchor[3] > radius else 1.0
     stack = np.empty((256, 13))
-    stack[0] = 0.0
-    stack[0, 0] = 1.0
-    stack[0, 5] = 1.0
-    stack[0, 10] = 1.0
+    make_identity(stack[0])
     stack[0, 12] = 1.0
     height = 1
     points = np.empty((min(1024, max_points), 3))
@@ -142,7 +148,7 @@ def cut_set(maps, n_maps, enclosure, radius, max_points):  # type: ignore[no-unt
     word = np.empty(13)
     while height > 0:
         height -= 1
-        word[:] = stack[height]
+        copy_numbers(stack[height], word, 13)
         size = contraction_of(word, word[12], enclosure.exact[0])
         if size <= small:
             if count == max_points:

@@ -91,7 +91,7 @@ def enclose(maps, n_maps, enclosure):  # type: ignore[no-untyped-def]
             radius = max(radius, moved / (1.0 - enclosure.contraction[j]))
         if radius < best:
             best = radius
-            ball[:3] = fixed[i]
+            copy_numbers(fixed[i], ball, 3)
             ball[3] = radius
     count, _ = grow_words(maps, n_maps, enclosure, 0.0, enclosure.leaves, enclosure.sizes)
     for _ in range(_ROUNDS):
@@ -118,7 +118,7 @@ def grow_words(maps, n_maps, enclosure, largest_allowed, words, sizes):  # type:
     parent = np.empty(12)
     contraction = enclosure.contraction
     for i in range(n_maps):
-        words[i] = maps[i]
+        copy_numbers(maps[i], words[i], 12)
         sizes[i] = contraction[i]
     count = n_maps
     while True:
@@ -129,7 +129,7 @@ def grow_words(maps, n_maps, enclosure, largest_allowed, words, sizes):  # type:
         size = sizes[largest]
         if size <= largest_allowed or count + n_maps - 1 > len(words):
             return count, size
-        parent[:] = words[largest]
+        copy_numbers(words[largest], parent, 12)
         for i in range(n_maps):
             place = largest if i == 0 else count + i - 1
             compose(parent, maps[i], words[place])
@@ -196,10 +196,11 @@ def _first_box(count, enclosure):  # type: ignore[no-untyped-def]
     anchor = enclosure.anchor
     box = enclosure.box
     attained = enclosure.attained
-    box[0] = math.inf
-    box[1] = -math.inf
-    attained[0] = math.inf
-    attained[1] = -math.inf
+    for axis in range(3):
+        box[0, axis] = math.inf
+        box[1, axis] = -math.inf
+        attained[0, axis] = math.inf
+        attained[1, axis] = -math.inf
     for k in range(count):
         leaf = enclosure.leaves[k]
         reach = enclosure.sizes[k] * ball[3]
@@ -224,7 +225,7 @@ def _similar(maps, n_maps):  # type: ignore[no-untyped-def]
     return True
 
 
-@kernel(inline="always")
+@kernel
 def contraction_of(word, product, exact):  # type: ignore[no-untyped-def]
     """Contraction of a word: the product of those of its maps where that is exact, else its own spectral norm."""
     if exact:
@@ -233,7 +234,21 @@ def contraction_of(word, product, exact):  # type: ignore[no-untyped-def]
     return min(product, norm * (1.0 + 1e-12))
 
 
-@kernel(inline="always")
+@kernel
+def copy_numbers(source, target, count):  # type: ignore[no-untyped-def]
+    """Copy the first numbers of an array: each assignment of slices would take a second longer to compile."""
+    for k in range(count):
+        target[k] = source[k]
+
+
+@kernel
+def make_identity(word):  # type: ignore[no-untyped-def]
+    """Fill a 3 x 4 map in 12 numbers with the identity."""
+    for k in range(12):
+        word[k] = 1.0 if k % 5 == 0 else 0.0
+
+
+@kernel
 def image(m, x, y, z):  # type: ignore[no-untyped-def]
     """The image of a point under a 3 x 4 map in 12 numbers."""
     return (
@@ -243,13 +258,13 @@ def image(m, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@kernel(inline="always")
+@kernel
 def distance(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
     """Euclidean distance."""
     return math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz))
 
 
-@kernel(inline="always")
+@kernel
 def compose(outer, inner, out):  # type: ignore[no-untyped-def]
     """Fill `out` with outer after inner, 3 x 4 maps in 12 numbers."""
     for row in range(3):

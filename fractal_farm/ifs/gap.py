@@ -17,9 +17,11 @@ from fractal_farm.ifs.enclosure import (
     Enclosure,
     compose,
     contraction_of,
+    copy_numbers,
     distance,
     enclose,
     image,
+    make_identity,
     new_enclosure,
 )
 from fractal_farm.ifs.genome import MAX_MAPS, Genome, as_genome
@@ -132,8 +134,8 @@ def gap_of_maps(maps, n_maps, workspace):  # type: ignore[no-untyped-def]
         offset = max(offset, abs(maps[i, 3]), abs(maps[i, 7]), abs(maps[i, 11]))
     if side <= _POINT * offset:
         for i in range(n_maps):
-            workspace.contacts[i, 0] = enclosure.anchor[:3]
-            workspace.contacts[i, 1] = enclosure.anchor[:3]
+            copy_numbers(enclosure.anchor, workspace.contacts[i, 0], 3)
+            copy_numbers(enclosure.anchor, workspace.contacts[i, 1], 3)
         return 0.0, 0.0, 0
     _plant(maps, n_maps, workspace)
     return _spanning_tree(maps, n_maps, side, workspace)
@@ -145,10 +147,11 @@ def _spanning_tree(maps, n_maps, side, workspace):  # type: ignore[no-untyped-de
     lower = np.zeros((MAX_MAPS, MAX_MAPS))
     excess = np.zeros((MAX_MAPS, MAX_MAPS))
     found = np.zeros((MAX_MAPS, MAX_MAPS), np.bool_)
-    group = np.arange(n_maps)
+    group = np.empty(n_maps, np.int64)
     for i in range(n_maps):
+        group[i] = i
         for j in range(i):
-            lower[i, j] = _between(1 + i, 1 + j, workspace)
+            lower[i, j] = _between(1 + i, 1 + j, workspace.pieces)
     longest = 0.0
     uncertain = 0.0
     splits = 0
@@ -170,7 +173,8 @@ def _spanning_tree(maps, n_maps, side, workspace):  # type: ignore[no-untyped-de
             continue
         longest = max(longest, lower[a, b])
         uncertain = max(uncertain, excess[a, b])
-        workspace.contacts[n_maps - trees] = workspace.closest[a, b]
+        for end in range(2):
+            copy_numbers(workspace.closest[a, b, end], workspace.contacts[n_maps - trees, end], 3)
         joined = group[a]
         for k in range(n_maps):
             if group[k] == joined:
@@ -196,23 +200,25 @@ def _piece_distance(maps, n_maps, a, b, floor, tolerance, workspace):  # type: i
         A distance between two points of the pieces; by how much it can exceed the least; how many pairs were split.
     """
     pieces = workspace.pieces
+    keys = workspace.keys
+    pairs = workspace.pairs
     closest = workspace.closest[a - 1, b - 1]
     if workspace.n_pieces[0] > MAX_PIECES // 2:
         _plant(maps, n_maps, workspace)
-    best = _apart(a, b, workspace)
-    _note(a, b, workspace, closest)
+    best = _apart(a, b, pieces)
+    _note(a, b, pieces, closest)
     low = 0.0
     splits = 0
-    height = _push(0, a, b, best, workspace)
+    height = _push(0, a, b, best, pieces, keys, pairs)
     while height > 0:
-        low = max(workspace.keys[0], 0.0)
+        low = max(keys[0], 0.0)
         if best <= max(floor, tolerance) or low >= best - tolerance:
             return best, min(best - low, tolerance), splits
         if splits >= MAX_PAIRS or height + n_maps > MAX_PAIRS or workspace.n_pieces[0] + n_maps > MAX_PIECES:
             return best, best - low, splits
-        a = workspace.pairs[0, 0]
-        b = workspace.pairs[0, 1]
-        height = _pop(height, workspace)
+        a = pairs[0, 0]
+        b = pairs[0, 1]
+        height = _pop(height, keys, pairs)
         splits += 1
         if pieces[a, 6] < pieces[b, 6]:
             a, b = b, a
@@ -220,20 +226,18 @@ def _piece_distance(maps, n_maps, a, b, floor, tolerance, workspace):  # type: i
             _split(maps, n_maps, a, workspace)
         for k in range(n_maps):
             child = workspace.children[a] + k
-            here = _apart(child, b, workspace)
+            here = _apart(child, b, pieces)
             if here < best:
                 best = here
-                _note(child, b, workspace, closest)
-            height = _push(height, child, b, best - tolerance, workspace)
+                _note(child, b, pieces, closest)
+            height = _push(height, child, b, best - tolerance, pieces, keys, pairs)
     return best, tolerance, splits
 
 
 @kernel
 def _plant(maps, n_maps, workspace):  # type: ignore[no-untyped-def]
     """The root of the address tree and its children, the first-level pieces 1..N."""
-    workspace.words[0] = 0.0
-    for axis in range(3):
-        workspace.words[0, 5 * axis] = 1.0
+    make_identity(workspace.words[0])
     workspace.n_pieces[0] = 1
     _place(0, 1.0, workspace)
     _split(maps, n_maps, 0, workspace)
@@ -267,41 +271,40 @@ def _place(a, size, workspace):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _note(a, b, workspace, closest):  # type: ignore[no-untyped-def]
+def _note(a, b, pieces, closest):  # type: ignore[no-untyped-def]
     """Write down the points of two pieces."""
-    closest[0] = workspace.pieces[a, 3:6]
-    closest[1] = workspace.pieces[b, 3:6]
+    for axis in range(3):
+        closest[0, axis] = pieces[a, 3 + axis]
+        closest[1, axis] = pieces[b, 3 + axis]
 
 
-@kernel(inline="always")
-def _apart(a, b, workspace):  # type: ignore[no-untyped-def]
+@kernel
+def _apart(a, b, pieces):  # type: ignore[no-untyped-def]
     """Distance of the points of two pieces: no less than that of the pieces."""
-    p = workspace.pieces[a]
-    q = workspace.pieces[b]
+    p = pieces[a]
+    q = pieces[b]
     return distance(p[3], p[4], p[5], q[3], q[4], q[5])
 
 
-@kernel(inline="always")
-def _between(a, b, workspace):  # type: ignore[no-untyped-def]
+@kernel
+def _between(a, b, pieces):  # type: ignore[no-untyped-def]
     """Distance of the balls of two pieces, negative where they overlap: no more than that of the pieces."""
-    p = workspace.pieces[a]
-    q = workspace.pieces[b]
+    p = pieces[a]
+    q = pieces[b]
     return distance(p[0], p[1], p[2], q[0], q[1], q[2]) - p[6] - q[6]
 
 
 @kernel
-def _push(height, a, b, limit, workspace):  # type: ignore[no-untyped-def]
+def _push(height, a, b, limit, pieces, keys, pairs):  # type: ignore[no-untyped-def]
     """Put a pair on the heap unless its pieces are at least `limit` apart; returns the new height.
 
     Pairs of overlapping balls know nothing of their distance; those whose points are closest come first.
     """
-    key = _between(a, b, workspace)
+    key = _between(a, b, pieces)
     if key >= limit:
         return height
     if key <= 0.0:
-        key = -1.0 / max(_apart(a, b, workspace), 1e-300)
-    keys = workspace.keys
-    pairs = workspace.pairs
+        key = -1.0 / max(_apart(a, b, pieces), 1e-300)
     place = height
     while place > 0:
         above = (place - 1) >> 1
@@ -318,10 +321,8 @@ def _push(height, a, b, limit, workspace):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _pop(height, workspace):  # type: ignore[no-untyped-def]
+def _pop(height, keys, pairs):  # type: ignore[no-untyped-def]
     """Take the first pair off the heap; returns the new height."""
-    keys = workspace.keys
-    pairs = workspace.pairs
     height -= 1
     key = keys[height]
     a = pairs[height, 0]

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from fractal_farm.ifs.enclosure import copy_numbers
 from fractal_farm.ifs.kernel import kernel
 
 ROUNDS = 6
@@ -61,8 +62,8 @@ def longest_side(box):  # type: ignore[no-untyped-def]
 def _support(maps, n_maps, axis, sign, tolerance, max_nodes, enclosure, stack):  # type: ignore[no-untyped-def]
     """h(sign e_axis) between the value of a point that is attained and an upper bound; and the nodes visited."""
     anchor = enclosure.anchor
-    stack[0, 0] = 0.0
-    stack[0, 1:4] = 0.0
+    for k in range(4):
+        stack[0, k] = 0.0
     stack[0, 1 + axis] = sign
     stack[0, 4] = sign * enclosure.box[1 if sign > 0.0 else 0, axis]
     best = sign * enclosure.attained[1 if sign > 0.0 else 0, axis]
@@ -90,7 +91,7 @@ def _support(maps, n_maps, axis, sign, tolerance, max_nodes, enclosure, stack): 
             bound = here + _reach(u, v, w, enclosure)
             place = height
             while place > first and stack[place - 1, 4] > bound:
-                stack[place] = stack[place - 1]
+                copy_numbers(stack[place - 1], stack[place], 5)
                 place -= 1
             stack[place, 0] = here
             stack[place, 1] = u
@@ -103,7 +104,7 @@ def _support(maps, n_maps, axis, sign, tolerance, max_nodes, enclosure, stack): 
     return best, max(cut, best), nodes
 
 
-@kernel(inline="always")
+@kernel
 def _reach(u, v, w, enclosure):  # type: ignore[no-untyped-def]
     """An upper bound of h(u, v, w): the lesser of what the ball and the box allow."""
     ball = enclosure.ball

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from fractal_farm.errors import FarmError
 from fractal_farm.ifs.cell_search import cells_of, search_cells
 from fractal_farm.ifs.cover import MAX_BOX_NODES, cut_set_of
-from fractal_farm.ifs.enclosure import Enclosure, compose, distance, image
+from fractal_farm.ifs.enclosure import Enclosure, compose, distance, image, make_identity
 from fractal_farm.ifs.gap import BOX_TOLERANCE
 from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.kernel import kernel
@@ -110,10 +110,7 @@ def _contacts(maps, n_maps, contraction, contacts, shortest, max_contacts):  # t
             distance(edge[0, 0], edge[0, 1], edge[0, 2], edge[1, 0], edge[1, 1], edge[1, 2]),
         )
     words = np.empty((max_contacts + n_maps, 13))
-    words[0] = 0.0
-    words[0, 0] = 1.0
-    words[0, 5] = 1.0
-    words[0, 10] = 1.0
+    make_identity(words[0])
     words[0, 12] = 1.0
     count = 1 if longest > shortest else 0
     done = 0
