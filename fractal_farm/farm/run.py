@@ -174,6 +174,8 @@ class Run:
             self._start_again(item)
 
     def _take_record(self, record: EpochRecord) -> None:
+        if self._ending is not None:
+            return  # beyond the last epoch
         if record.arrivals:
             self._announce(Migration(record.island, record.epoch, record.arrivals, record.settled))
         for records, states in self._schedule.finish(record):

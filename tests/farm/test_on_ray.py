@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 
 from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue
+from fractal_farm.errors import FarmError
 from fractal_farm.farm.events import Callback, EpochCompleted, Fault, RunStarted
 from tests.farm.runs import Recorder, small_config
 
@@ -67,12 +69,29 @@ def test_killed_islands_are_started_again_from_what_the_run_knows(ray_cluster, t
     assert summary.ended.digest == digest
 
 
-def test_killed_evaluations_are_done_again(ray_cluster, tmp_path, digest):
+def test_killed_evaluations_are_done_again(ray_cluster, tmp_path):
     # Bigger clouds, so that evaluations are under way when the blow falls.
-    killer = Killer("evaluate_batch", range(8))
-    config = small_config()
-    summary = farm.submit(config, tmp_path / "run", executor="ray", callbacks=[killer])
-    assert summary.ended.digest == digest
+    config = small_config("evolution.phenotype.points=20000", "stop.epochs=3")
+    whole = farm.submit(config, tmp_path / "whole", executor="serial")
+    killed, over = [], threading.Event()
+
+    def hunt():
+        while len(killed) < 3 and not over.is_set():
+            for process in ray_processes("evaluate_batch")[:1]:
+                process.kill()
+                killed.append(process)
+                time.sleep(0.5)
+            time.sleep(0.005)
+
+    hunter = threading.Thread(target=hunt)
+    hunter.start()
+    try:
+        summary = farm.submit(config, tmp_path / "run", executor="ray")
+    finally:
+        over.set()
+        hunter.join()
+    assert len(killed) >= 1
+    assert summary.ended.digest == whole.ended.digest
 
 
 def test_a_killed_writer_loses_nothing_and_doubles_nothing(ray_cluster, tmp_path, monkeypatch, digest):
@@ -92,6 +111,17 @@ def test_solids_are_made_while_evolution_goes_on(ray_cluster, tmp_path):
     summary = farm.submit(config, tmp_path / "run", executor="ray", callbacks=[recorder])
     assert summary.ended.meshes + summary.ended.mesh_failures == 2
     assert len(Catalogue.open(tmp_path / "run").solids()) == summary.ended.meshes
+
+
+def test_an_error_of_the_writer_reaches_the_user_as_one_line(ray_cluster, tmp_path):
+    class Vandal(Callback):
+        def on_event(self, event):
+            if isinstance(event, EpochCompleted) and event.epoch == 0:
+                (tmp_path / "run" / "manifest").write_text("in the way")
+
+    with pytest.raises(FarmError) as error:
+        farm.submit(small_config(), tmp_path / "run", executor="ray", callbacks=[Vandal()])
+    assert "\n" not in str(error.value)
 
 
 CHILD = """

@@ -13,10 +13,11 @@ from collections.abc import Callable
 from typing import Any
 
 import ray
-from ray.exceptions import RayActorError, WorkerCrashedError
+from ray.exceptions import RayActorError, RayTaskError, WorkerCrashedError
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from fractal_farm.config import EvolutionConfig, RunConfig
+from fractal_farm.errors import FarmError
 from fractal_farm.evolution.island import (
     Candidates,
     EpochRecord,
@@ -194,6 +195,11 @@ class RayExecutor:
             if kind == "epoch":
                 self._memory.pop(what[0], None)
             return WorkLost(what[0] if kind == "mesh" else what, type(error).__name__)
+        except RayTaskError as error:
+            # Ray wraps what a task raised in the text of its traceback; our own messages say more.
+            if isinstance(error.cause, FarmError):
+                raise error.cause from None
+            raise
         if kind == "part":
             return PartDone(result)
         if kind == "mesh":
