@@ -163,33 +163,30 @@ def new_batch_workspace(n_points: int) -> BatchWorkspace:
 @kernel
 def _evaluate_genomes(genes, n_maps, by_hand, reading, formula, work, values, refusal):  # type: ignore[no-untyped-def]
     """Fill values (6, B) and refusal (B,), one genome after the other."""
-    for b in range(genes.shape[0]):
-        refusal[b] = _evaluate_genome(genes[b], n_maps[b], by_hand[b], reading, formula, work, values[:, b])
-
-
-@kernel
-def _evaluate_genome(genes, n_maps, by_hand, reading, formula, work, values):  # type: ignore[no-untyped-def]
-    """Fill values (6,) of one genome; returns its `Refusal` code."""
-    values[:] = np.nan
-    values[3] = 0.0
     system, cloud = work.system, work.cloud
-    code = build_system(genes, n_maps, reading, by_hand, system)
-    if code != _NONE:
-        return code
-    first, second = stream_keys(system.keys, _FITNESS)
-    iterate(system.maps, system.thresholds, n_maps, system.start, first, second, cloud)
     last = cloud.shape[1] - 1
-    if not np.isfinite(cloud[0, last] + cloud[1, last] + cloud[2, last]):  # once infinite, an orbit stays so
-        return _NOT_FINITE
-    d0, d2, d0_error, d2_error = measure(cloud, work.measures)
-    lle = tangent_growth(system, n_maps, work.tangent) if reading.affine else similarity_exponent(system, n_maps)
-    values[0] = d0
-    values[1] = d2
-    values[2] = lle
-    values[3] = fitness(d0, d2, lle, formula)
-    values[4] = d0_error
-    values[5] = d2_error
-    return _NONE
+    for b in range(genes.shape[0]):
+        values[:, b] = np.nan
+        values[3, b] = 0.0
+        refusal[b] = build_system(genes[b], n_maps[b], reading, by_hand[b], system)
+        if refusal[b] != _NONE:
+            continue
+        first, second = stream_keys(system.keys, _FITNESS)
+        iterate(system.maps, system.thresholds, n_maps[b], system.start, first, second, cloud)
+        if not np.isfinite(cloud[0, last] + cloud[1, last] + cloud[2, last]):  # once infinite, an orbit stays so
+            refusal[b] = _NOT_FINITE
+            continue
+        d0, d2, d0_error, d2_error = measure(cloud, work.measures)
+        if reading.affine:
+            lle = tangent_growth(system, n_maps[b], work.tangent)
+        else:
+            lle = similarity_exponent(system, n_maps[b])
+        values[0, b] = d0
+        values[1, b] = d2
+        values[2, b] = lle
+        values[3, b] = fitness(d0, d2, lle, formula)
+        values[4, b] = d0_error
+        values[5, b] = d2_error
 
 
 def _named(values: FloatArray, refusal: npt.NDArray[np.uint8]) -> Evaluation:

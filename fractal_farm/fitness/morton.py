@@ -65,9 +65,10 @@ def sort_by_key(frame, n, cube, work):
             here = histogram[p, d]
             histogram[p, d] = total
             total += here
-    _scatter(spare, n, 0, histogram, keys)
-    _scatter(keys, n, 1, histogram, spare)
-    _scatter(spare, n, 2, histogram, keys)
+        if p % 2 == 0:
+            _scatter(spare, n, p, histogram, keys)
+        else:
+            _scatter(keys, n, p, histogram, spare)
 
 
 @kernel
