@@ -150,23 +150,23 @@ def _chosen(columns: str | None, form: Format, known: list[str]) -> list[str]:
 
 def _encoded(table: Any, form: Format) -> bytes:
     """A table as the bytes of a file; CSV and JSON have lists in JSON's notation."""
+    import csv
     import io
     import json
 
-    import pyarrow as pa
-    from pyarrow import csv, parquet
+    from pyarrow import parquet
 
-    buffer = io.BytesIO()
     if form is Format.PARQUET:
+        buffer = io.BytesIO()
         parquet.write_table(table, buffer, compression="zstd")
         return buffer.getvalue()
     if form is Format.CSV:
-        for index, field in enumerate(table.schema):
-            if pa.types.is_nested(field.type):
-                cells = [None if cell is None else json.dumps(cell) for cell in table.column(index).to_pylist()]
-                table = table.set_column(index, field.name, pa.array(cells, pa.string()))
-        csv.write_csv(table, buffer)
-        return buffer.getvalue()
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(table.column_names)
+        for row in table.to_pylist():
+            writer.writerow([json.dumps(cell) if isinstance(cell, list) else cell for cell in row.values()])
+        return text.getvalue().encode()
     if form is Format.JSON:
         return json.dumps(plain(table.to_pylist()), indent=2).encode() + b"\n"
     lines = [table.column_names, *(row.values() for row in table.to_pylist())]
