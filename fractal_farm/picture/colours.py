@@ -16,7 +16,8 @@ FloatArray = npt.NDArray[np.float64]
 
 FIRST_TONE: Colour = (1.0, 0.88, 0.52)
 SECOND_TONE: Colour = (0.35, 0.72, 0.22)
-_LEAST_VALUE = 0.42
+LEAST_VALUE = 0.5
+_GREY = 0.12
 
 
 def linear_gradient(points: npt.ArrayLike) -> FloatArray:
@@ -61,7 +62,7 @@ def coloured(points: npt.ArrayLike, colouring: str) -> FloatArray:
 def legible(colours: FloatArray) -> FloatArray:
     """The colours, (n, 3), with the dark ones brightened in their own hue, so that none sinks into a dark ground."""
     value = colours.max(axis=1, keepdims=True)
-    wanted = _LEAST_VALUE + (1.0 - _LEAST_VALUE) * value
+    wanted = LEAST_VALUE + (1.0 - LEAST_VALUE) * value
     # Black has no hue: what little is added makes it grey.
-    brightened: FloatArray = (colours + 0.08) * (wanted / (value + 0.08))
+    brightened: FloatArray = (colours + _GREY) * (wanted / (value + _GREY))
     return brightened

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from fractal_farm.picture.colours import Colour
 
 NIGHT: Colour = (0.052, 0.056, 0.072)
-PAPER: Colour = (0.965, 0.957, 0.937)
 _GLOW = 0.042
 _TINT = np.array([0.9, 0.95, 1.15], np.float32)
 

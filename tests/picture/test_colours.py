@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from fractal_farm.errors import InputError
 from fractal_farm.picture import dual_tone, linear_gradient
-from fractal_farm.picture.colours import coloured, legible
+from fractal_farm.picture.colours import LEAST_VALUE, coloured, legible
 
 
 def test_the_linear_gradient_is_position_over_range():
@@ -23,7 +23,7 @@ def test_dual_tone_is_the_first_colour_minus_the_second_times_the_gradient():
 def test_legible_colours_are_bright_enough_and_keep_the_order_of_their_channels(seed):
     colours = np.random.default_rng(seed).random((40, 3))
     brightened = legible(colours)
-    assert brightened.max(axis=1).min() >= 0.42
+    assert brightened.max(axis=1).min() >= LEAST_VALUE
     assert brightened.max() <= 1.0 + 1e-12
     np.testing.assert_array_equal(np.argsort(brightened, axis=1), np.argsort(colours, axis=1))
 
