@@ -17,7 +17,7 @@ import numpy.typing as npt
 from fractal_farm.ifs.genome import MAX_MAPS
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.linear_algebra import determinant, largest_singular_value
-from fractal_farm.ifs.system import _fixed_point
+from fractal_farm.ifs.system import fixed_point
 
 LEAVES = 256
 _ROUNDS = 4
@@ -81,7 +81,7 @@ def enclose(maps, n_maps, enclosure):  # type: ignore[no-untyped-def]
         m = maps[i]
         norm = _largest_singular_value(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10])
         enclosure.contraction[i] = min(norm * (1.0 + 1e-12), 0.5 + 0.5 * norm)
-        _fixed_point(m, fixed[i])
+        fixed_point(m, fixed[i])
     enclosure.exact[0] = _similar(maps, n_maps)
     for i in range(n_maps):
         radius = 0.0

@@ -124,7 +124,7 @@ def build_system(genes, n_maps, reading, by_hand, system):  # type: ignore[no-un
         system.thresholds[i] = np.uint32(min(cumulative * 4294967296.0, 4294967295.0))
         if system.probabilities[i] > system.probabilities[likeliest]:
             likeliest = i
-    _fixed_point(system.maps[likeliest], system.start)
+    fixed_point(system.maps[likeliest], system.start)
     _content_keys(system.words, n_maps, columns, system.keys)
     return 0
 
@@ -218,8 +218,8 @@ def _canonical_order(genes, n_maps, columns, system):  # type: ignore[no-untyped
 
 
 @kernel
-def _fixed_point(m, out):  # type: ignore[no-untyped-def]
-    """Solve (I - A) x = b by Cramer's rule; I - A is regular because A contracts."""
+def fixed_point(m, out):  # type: ignore[no-untyped-def]
+    """Solve (I - A) x = b by Cramer's rule into out (3,); I - A is regular because A of m (12,) contracts."""
     a00 = 1.0 - m[0]
     a11 = 1.0 - m[5]
     a22 = 1.0 - m[10]
