@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.fitness.line_fit import fit_slope
-from fractal_farm.fitness.pair_counting import N_BINS
+from fractal_farm.fitness.octave_counter import N_BINS
 from fractal_farm.ifs.kernel import kernel
 
 N_RADII = N_BINS - 1

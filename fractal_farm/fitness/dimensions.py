@@ -14,7 +14,8 @@ import numpy.typing as npt
 from fractal_farm.fitness.capacity import BoxWorkspace, box_dimension, new_box_workspace
 from fractal_farm.fitness.cloud_frame import FrameWorkspace, fit_frame, new_frame_workspace
 from fractal_farm.fitness.correlation import SlopeWorkspace, correlation_slope, new_slope_workspace
-from fractal_farm.fitness.pair_counting import N_BINS, PairWorkspace, count_pairs, new_pair_workspace
+from fractal_farm.fitness.octave_counter import N_BINS
+from fractal_farm.fitness.pair_counting import PairWorkspace, count_pairs, new_pair_workspace
 from fractal_farm.fitness.points import as_cloud
 from fractal_farm.ifs.kernel import kernel
 

@@ -44,7 +44,7 @@ class Evaluation:
         d2: (B,) float64 correlation dimension in [0, 3].
         lle: (B,) float64 largest Lyapunov exponent, nats per iteration.
         fitness: (B,) float64 in [0, 1], eq 3.7; 0 where refused.
-        d0_error: (B,) float64 standard error of the slope that D0 is.
+        d0_error: (B,) float64 standard error of the slope that D0 is; nan if fewer than three scales were of use.
         d2_error: (B,) float64 standard error of the slope that D2 is.
         refusal: (B,) uint8 `Refusal` codes, 0 where scored; all values but `fitness` are nan where it is not 0.
     """

@@ -4,14 +4,9 @@ Bin 0 holds the pairs with d^2 < 2^-20, bin k those with 2^(k-21) <= d^2 < 2^(k-
 holds the rest: radii 2^-10 to 2^-3 of the bounding cube's side, in half octaves. No logarithm and no comparison is
 needed, since the exponent bits of the float32 d^2 *are* the bin.
 
-All n (n - 1) / 2 pairs are counted, few are looked at. Points come in Morton order, so that 64 consecutive ones fill a
-small box, and 4 consecutive ones a tiny one. A block of 32 points, the *columns*, is compared with sixteen boxes of
-64 rows at once, then with the sixteen groups of 4 in the boxes that remain: groups beyond the largest radius are
-skipped, groups of which the nearest and the farthest corner lie in one bin are counted as a whole, and only the others
-are evaluated point by point. Nothing is lost to rounding: the nearest corner's d^2 is computed by the operations that
-compute a pair's, and each of them is monotone, so it is never larger than the d^2 of any pair.
-
-The tail is filled with points at infinity: their d^2 is infinite or not a number, exponent 255, bin 31 of 32, unread.
+All n (n - 1) / 2 pairs are counted, few are looked at: `near_pairs` decides about most of them by the box, and the
+rest is evaluated in tiles of 32 columns by 8 rows. The tail of the last block is filled with points at infinity: their
+d^2 is infinite or not a number, exponent 255, which no bin reads.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -23,12 +18,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from fractal_farm.fitness.near_pairs import BLOCK, COLUMN_GROUPS, COLUMNS, GROUP, fill_boxes, list_near
 from fractal_farm.fitness.octave_counter import (
     BINS,
     CAPACITY,
+    N_BINS,
+    NEAREST,
     SUMS,
     USED,
-    count,
     empty,
     empty_sums,
     new_counter,
@@ -37,11 +34,8 @@ from fractal_farm.fitness.simd import (
     LANES,
     add_bit,
     full_adder,
-    lanes_below,
-    lanes_equal,
     load_floats,
     load_words,
-    maximum,
     octave,
     one_hot,
     pointer,
@@ -49,18 +43,8 @@ from fractal_farm.fitness.simd import (
     squared_length,
     store_words,
     subtract,
-    trailing_zeros,
-    where_equal,
 )
 from fractal_farm.ifs.kernel import kernel
-
-N_BINS = 16
-COLUMNS = 32
-GROUP = 4
-COLUMN_GROUPS = COLUMNS // GROUP
-BLOCK = GROUP * LANES  # rows that sixteen groups hold
-NEAREST = 106  # float32 exponent of 2^-21 <= d^2 < 2^-20
-BEYOND = NEAREST + N_BINS - 1  # that of d^2 >= 2^-6
 
 
 class PairWorkspace(NamedTuple):
@@ -121,7 +105,7 @@ def count_pairs(work, n, prune, counts):
     """
     n_blocks = (n + BLOCK - 1) // BLOCK
     n_groups = n_blocks * LANES
-    _bounding_boxes(work.points, n, n_blocks, work.group_boxes, work.block_boxes)
+    fill_boxes(work.points, n, n_blocks, work.group_boxes, work.block_boxes)
     work.own_totals[:] = 0
     work.totals[:] = 0
     points = pointer(work.points)
@@ -146,7 +130,7 @@ def count_pairs(work, n, prune, counts):
             rows[k] = first_group + k
         _evaluate(points, padded, column, rows, n_own, own, own_totals)
         if prune:
-            n_rows = _list_near(first_group, n_groups, boxes, rows, whole_groups, whole_blocks, totals)
+            n_rows = list_near(first_group, n_groups, boxes, rows, whole_groups, whole_blocks, totals)
         else:
             n_rows = n_groups - first_group - COLUMN_GROUPS
             for k in range(n_rows):
@@ -166,75 +150,6 @@ def count_pairs(work, n, prune, counts):
         counts[k] = totals[b] + own_totals[b] // 2
         rest -= counts[k]
     counts[N_BINS - 1] = rest
-
-
-@kernel
-def _list_near(first_group, n_groups, boxes, rows, whole_groups, whole_blocks, totals):
-    """List the later groups that must be evaluated against the columns of first_group; returns how many."""
-    group_boxes, group_stride, block_boxes, block_stride = boxes
-    n_rows = 0
-    if first_group % LANES == 0:  # the other half of the own block is near
-        for k in range(COLUMN_GROUPS):
-            rows[k] = first_group + COLUMN_GROUPS + k
-        n_rows = COLUMN_GROUPS
-    columns = _span(group_boxes, group_stride, first_group)
-    for first_block in range(first_group // LANES + 1, n_groups // LANES, LANES):
-        blocks, bins = _undecided(columns, block_boxes, block_stride, first_block)
-        count(whole_blocks, bins, BLOCK * COLUMNS, totals)
-        while blocks != 0:
-            group = (first_block + trailing_zeros(blocks)) * LANES
-            blocks &= blocks - np.uint32(1)
-            groups, bins = _undecided(columns, group_boxes, group_stride, group)
-            count(whole_groups, bins, GROUP * COLUMNS, totals)
-            while groups != 0:
-                rows[n_rows] = group + trailing_zeros(groups)
-                groups &= groups - np.uint32(1)
-                n_rows += 1
-    return n_rows
-
-
-@kernel(forceinline=True)
-def _undecided(columns, boxes, stride, first):
-    """Compare sixteen boxes with the columns' box.
-
-    Returns:
-        Bit mask of the boxes that are near and span more than one bin, and the bins of those that lie in one.
-    """
-    x_low, x_high, y_low, y_high, z_low, z_high = columns
-    x_lows, x_highs = load_floats(boxes, first), load_floats(boxes, first + stride)
-    y_lows, y_highs = load_floats(boxes, first + 2 * stride), load_floats(boxes, first + 3 * stride)
-    z_lows, z_highs = load_floats(boxes, first + 4 * stride), load_floats(boxes, first + 5 * stride)
-    nearest = octave(
-        squared_length(
-            _gap(x_low, x_high, x_lows, x_highs),
-            _gap(y_low, y_high, y_lows, y_highs),
-            _gap(z_low, z_high, z_lows, z_highs),
-        ),
-        NEAREST,
-    )
-    farthest = octave(
-        squared_length(
-            _reach(x_low, x_high, x_lows, x_highs),
-            _reach(y_low, y_high, y_lows, y_highs),
-            _reach(z_low, z_high, z_lows, z_highs),
-        ),
-        NEAREST,
-    )
-    bins = where_equal(nearest, farthest, one_hot(nearest))
-    return lanes_below(nearest, BEYOND) & ~lanes_equal(nearest, farthest), bins
-
-
-@kernel(forceinline=True)
-def _gap(low, high, lows, highs):
-    """Distance between the interval [low, high] and sixteen others; 0 where they overlap."""
-    apart = maximum(subtract(lows, splat(high)), subtract(splat(low), highs))
-    return maximum(splat(np.float32(0.0)), apart)
-
-
-@kernel(forceinline=True)
-def _reach(low, high, lows, highs):
-    """Largest distance between a point of the interval [low, high] and one of sixteen others."""
-    return maximum(subtract(highs, splat(low)), subtract(splat(high), lows))
 
 
 @kernel
@@ -322,45 +237,3 @@ def _bins(points, padded, column, x, y, z):
         subtract(load_floats(points, 2 * padded + column), z),
     )
     return one_hot(octave(squared_distance, NEAREST))
-
-
-@kernel
-def _bounding_boxes(points, n, n_blocks, group_boxes, block_boxes):
-    """Boxes of all groups and blocks. Points at infinity make a box reach to infinity: never in one bin."""
-    for axis in range(3):
-        x = points[axis]
-        low = group_boxes[2 * axis]
-        high = group_boxes[2 * axis + 1]
-        x[n:] = np.inf
-        for group in range((n_blocks + 1) * LANES):
-            i = group * GROUP
-            low[group] = min(min(x[i], x[i + 1]), min(x[i + 2], x[i + 3]))
-            high[group] = max(max(x[i], x[i + 1]), max(x[i + 2], x[i + 3]))
-        block_boxes[2 * axis, :] = np.inf
-        block_boxes[2 * axis + 1, :] = np.inf
-        for block in range(n_blocks):
-            first = low[block * LANES]
-            last = high[block * LANES]
-            for group in range(block * LANES + 1, (block + 1) * LANES):
-                first = min(first, low[group])
-                last = max(last, high[group])
-            block_boxes[2 * axis, block] = first
-            block_boxes[2 * axis + 1, block] = last
-
-
-@kernel(forceinline=True)
-def _span(boxes, stride, first):
-    """The box of the eight groups that make a block of columns, as six float32."""
-    x_low, x_high = _range(boxes, first, first + stride)
-    y_low, y_high = _range(boxes, first + 2 * stride, first + 3 * stride)
-    z_low, z_high = _range(boxes, first + 4 * stride, first + 5 * stride)
-    return x_low, x_high, y_low, y_high, z_low, z_high
-
-
-@kernel(forceinline=True)
-def _range(boxes, lows, highs):
-    low, high = boxes[lows], boxes[highs]
-    for k in range(1, COLUMN_GROUPS):
-        low = min(low, boxes[lows + k])
-        high = max(high, boxes[highs + k])
-    return low, high
