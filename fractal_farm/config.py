@@ -225,9 +225,9 @@ class SolidsConfig(Section):
 
     @model_validator(mode="after")
     def _wall_fits(self) -> SolidsConfig:
-        # A solid has 180 voxels along its longest side and at least 3 in a wall.
-        if not self.size_mm / 60 <= self.wall_mm < self.size_mm / 3:
-            low, high = self.size_mm / 60, self.size_mm / 3
+        # A solid has up to 400 voxels along its longest side and at least 3 in a wall.
+        low, high = self.size_mm * 3 / 400, self.size_mm / 3
+        if not low <= self.wall_mm < high:
             raise ValueError(f"wall_mm is {self.wall_mm}; allowed at this size_mm: from {low:.3g} to below {high:.3g}")
         if len(set(self.formats)) < len(self.formats):
             raise ValueError(f"formats is {shown(self.formats)}; name each format once")

@@ -71,7 +71,7 @@ def refusal(directory: Path, text: str, *overrides: str) -> str:
         ("catalogue: {durability: none}", "catalogue.durability", "'none'", "full or process"),
         ("solids: {formats: [obj]}", "solids.formats.0", "'obj'", "glb, stl or ply"),
         ("solids: {formats: [glb, glb]}", "formats", "[glb, glb]".replace("glb", "'glb'"), "once"),
-        ("solids: {wall_mm: 10}", "wall_mm", "10", "from 0.5 to below 10"),
+        ("solids: {wall_mm: 10}", "wall_mm", "10", "from 0.225 to below 10"),
         ("name: ../elsewhere", "name", "'../elsewhere'", "letters, digits"),
     ],
 )  # fmt: skip

@@ -128,7 +128,12 @@ def mesh(
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files.")],
     size: Annotated[float, typer.Option(min=1, max=1000, help="Longest side of the solid, mm.")] = 30.0,
     wall: Annotated[float, typer.Option(min=0.01, max=100, help="Thinnest wall, mm.")] = 0.8,
-    resolution: Annotated[int, typer.Option(min=32, max=1000, help="Voxels along the longest side.")] = 180,
+    resolution: Annotated[
+        int | None,
+        typer.Option(
+            min=32, max=1000, help="Voxels along the longest side; default: what the wall needs.", show_default=False
+        ),
+    ] = None,
     form: Annotated[list[MeshFormat] | None, typer.Option("--format", help="File format; may be repeated.")] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -195,7 +195,6 @@ def _session(config: RunConfig, root: Path, new_executor: NewExecutor, callbacks
         reason = run.evolve()
         run.mesh_the_rest()
         digest = Catalogue.open(root).digest(run_id)
-        sheet = write_sheet(root, config)
         ended = RunEnded(
             reason,
             interrupted() is not None,
@@ -206,6 +205,7 @@ def _session(config: RunConfig, root: Path, new_executor: NewExecutor, callbacks
             run.mesh_failures,
         )
         record_end(root, run_id, asdict(ended), config.catalogue.durability)
+        sheet = write_sheet(root, config)
         announce(ended)
         return RunSummary(run_id, config.name, root, ended, sheet)
 

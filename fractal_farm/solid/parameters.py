@@ -20,7 +20,8 @@ class SolidParameters:
     Attributes:
         size_mm: longest side of the finished solid, walls included; above 0.
         wall_mm: least thickness, above 0 and below a third of the size, and at least MIN_WALL_VOXELS voxels.
-        resolution: voxels along the longest side, 32 to 1000.
+        resolution: voxels along the longest side, 32 to 1000; None for as many as the wall needs, 180 to 400. Holds
+            the number afterwards.
         thicken: let the wall grow where the pieces of the design lie too far apart to make one body.
 
     Raises:
@@ -28,10 +29,11 @@ class SolidParameters:
     """
 
     MIN_WALL_VOXELS: ClassVar[float] = 3.0
+    AUTOMATIC: ClassVar[tuple[int, int]] = (180, 400)
 
     size_mm: float = 30.0
     wall_mm: float = 0.8
-    resolution: int = 180
+    resolution: int | None = None
     thicken: bool = True
 
     def __post_init__(self) -> None:
@@ -43,20 +45,26 @@ class SolidParameters:
             raise InputError(
                 f"wall_mm is {self.wall_mm}; give a length above 0 and below a third of size_mm ({self.size_mm:g})"
             )
-        if not 32 <= self.resolution <= 1000:
-            raise InputError(f"resolution is {self.resolution}; give 32 to 1000 voxels")
+        voxels = self.resolution
+        if voxels is None:
+            fewest, most = self.AUTOMATIC
+            voxels = min(max(fewest, math.ceil(self.MIN_WALL_VOXELS * self.size_mm / self.wall_mm - 1e-9)), most)
+            object.__setattr__(self, "resolution", voxels)
+        if not 32 <= voxels <= 1000:
+            raise InputError(f"resolution is {voxels}; give 32 to 1000 voxels")
         if self.wall_mm < self.MIN_WALL_VOXELS * self.voxel_mm * (1.0 - 1e-9):
             raise InputError(
                 f"wall_mm of {self.wall_mm:g} is {self.wall_mm / self.voxel_mm:.1f} voxels; it must be "
                 f"{self.MIN_WALL_VOXELS:g}: resolution >= "
                 f"{math.ceil(self.MIN_WALL_VOXELS * self.size_mm / self.wall_mm)}, "
                 f"wall_mm >= {self.MIN_WALL_VOXELS * self.voxel_mm:.3g}, or "
-                f"size_mm <= {self.wall_mm * self.resolution / self.MIN_WALL_VOXELS:.4g}"
+                f"size_mm <= {self.wall_mm * voxels / self.MIN_WALL_VOXELS:.4g}"
             )
 
     @property
     def voxel_mm(self) -> float:
         """Edge of a voxel, mm."""
+        assert self.resolution is not None
         return self.size_mm / self.resolution
 
     @property

@@ -47,7 +47,7 @@ def solidify(
     genome: Genome | npt.ArrayLike,
     size_mm: float = 30.0,
     wall_mm: float = 0.8,
-    resolution: int = 180,
+    resolution: int | None = None,
     thicken: bool = True,
 ) -> trimesh.Trimesh:
     """A solid of known wall from the attractor of a genome.
@@ -56,7 +56,8 @@ def solidify(
         genome: a `Genome` or an (N, 7) array.
         size_mm: longest side of the finished solid, walls included.
         wall_mm: least thickness.
-        resolution: voxels along the longest side; memory and time grow with its cube at most.
+        resolution: voxels along the longest side; memory and time grow with its cube at most. None: see
+            `SolidParameters`.
         thicken: let the wall grow where the pieces of the design lie too far apart to make one body.
 
     Returns:

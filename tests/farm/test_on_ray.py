@@ -124,6 +124,21 @@ def test_an_error_of_the_writer_reaches_the_user_as_one_line(ray_cluster, tmp_pa
     assert "\n" not in str(error.value)
 
 
+def test_another_process_joins_the_cluster_by_its_address(ray_cluster, tmp_path, digest):
+    import ray
+
+    address = ray.get_runtime_context().gcs_address
+    code = (
+        "import sys; from pathlib import Path; from fractal_farm import farm; from tests.farm.runs import small_config\n"
+        "print(farm.submit(small_config(), Path(sys.argv[1]), address=sys.argv[2]).ended.digest)"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "run"), address]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2], check=True)
+    assert done.stdout.split()[-1] == digest
+    # The cluster is not ours to end.
+    assert ray.cluster_resources()["CPU"] == 2
+
+
 CHILD = """
 import sys
 from pathlib import Path

@@ -11,6 +11,12 @@ def test_the_hash_tells_parameters_apart_and_equal_ones_not():
     assert len({each.hash for each in [SolidParameters(), *others]}) == 5
 
 
+def test_the_resolution_grows_with_what_the_wall_needs():
+    assert SolidParameters(30.0, 0.8).resolution == 180
+    assert SolidParameters(60.0, 0.8).resolution == 225
+    assert SolidParameters(60.0, 0.8).voxel_mm * 3 <= 0.8
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
@@ -27,9 +33,9 @@ def test_values_out_of_range_are_refused_by_name(values, message):
 
 
 def test_a_wall_too_thin_for_the_voxels_is_refused_with_three_remedies_that_pass():
-    with pytest.raises(InputError, match=r"resolution >= 450, wall_mm >= 0.5, or size_mm <= 12") as refusal:
+    with pytest.raises(InputError, match=r"resolution >= 450, wall_mm >= 0.225, or size_mm <= 26.67") as refusal:
         SolidParameters(30.0, 0.2)
     assert "0.2" in str(refusal.value)
     SolidParameters(30.0, 0.2, 450)
-    SolidParameters(30.0, 0.5)
-    SolidParameters(12.0, 0.2)
+    SolidParameters(30.0, 0.225)
+    SolidParameters(26.66, 0.2)
