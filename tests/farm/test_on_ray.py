@@ -129,7 +129,8 @@ def test_another_process_joins_the_cluster_by_its_address(ray_cluster, tmp_path,
 
     address = ray.get_runtime_context().gcs_address
     code = (
-        "import sys; from pathlib import Path; from fractal_farm import farm; from tests.farm.runs import small_config\n"
+        "import sys; from pathlib import Path; from fractal_farm import farm\n"
+        "from tests.farm.runs import small_config\n"
         "print(farm.submit(small_config(), Path(sys.argv[1]), address=sys.argv[2]).ended.digest)"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "run"), address]
