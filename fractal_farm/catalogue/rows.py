@@ -57,6 +57,19 @@ def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] 
     return pa.Table.from_arrays(arrays, schema=GIVEN_SCHEMA)
 
 
+GENOME_COLUMNS = (
+    "n_maps",
+    "family",
+    "influence",
+    "map_form",
+    "rotation_sign",
+    "genes",
+    "probabilities",
+    "probabilities_by_hand",
+)
+"""What `genome_of` needs beside the design_id."""
+
+
 def genome_of(row: Mapping[str, Any]) -> Genome:
     """The genome of one manifest row.
 

@@ -12,6 +12,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import pyarrow.compute as pc
+
 from fractal_farm.catalogue import (
     Catalogue,
     committed_records,
@@ -23,7 +25,7 @@ from fractal_farm.catalogue import (
     run_ids,
     run_lock,
 )
-from fractal_farm.catalogue.rows import genome_of
+from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import InputError
 from fractal_farm.evolution.island import IslandState, founding_state, library_after
@@ -256,8 +258,15 @@ def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
     queue = MeshQueue(settings.max, settings.wall_mm / settings.size_mm, len(made))
     for identity in made:
         queue.skip(identity)
-    for row in catalogue.designs(run_id=config.run_id).to_pylist():
-        if row["fitness"] > config.evolution.qualified and row["design_id"] not in made:
+    designs = catalogue.designs(["design_id", "fitness", "gap", *GENOME_COLUMNS], config.run_id)
+    designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
+    thickened = pc.greater(designs.column("gap"), settings.wall_mm / settings.size_mm)
+    designs = designs.append_column("thickened", thickened).sort_by(
+        [("thickened", "ascending"), ("fitness", "descending"), ("design_id", "ascending")]
+    )
+    wanted = None if settings.max is None else 2 * settings.max
+    for row in designs.slice(0, wanted).to_pylist():
+        if row["design_id"] not in made:
             queue.offer(MeshOrder(genome_of(row), parameters, settings.formats), row["fitness"], row["gap"])
     return queue
 
