@@ -147,6 +147,8 @@ def mesh(
     from fractal_farm.solid import SolidParameters, solid_files
 
     catalogue = Catalogue.open(directory)
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; name a directory")
     formats = tuple(dict.fromkeys(each.value for each in form or (MeshFormat.GLB, MeshFormat.STL)))
     parameters = SolidParameters(size, wall, resolution)
     reports = []
@@ -156,8 +158,11 @@ def mesh(
         for name, content in files.items():
             paths.append(output / f"{identity}{Path(name).suffix}")
             write_file(paths[-1], content)
+        facts = json.loads(files["solid.json"])
         say(f"wrote {', '.join(map(str, paths))}")
-        reports.append({"design_id": identity, "files": list(map(str, paths)), **json.loads(files["solid.json"])})
+        if facts["thickened"]:
+            say(f"  its wall is {facts['wall_used_mm']:.2f} mm: its pieces lie {facts['gap_mm']:.2f} mm apart")
+        reports.append({"design_id": identity, "files": list(map(str, paths)), **facts})
     if as_json:
         print_json(reports)
 

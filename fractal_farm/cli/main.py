@@ -60,6 +60,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
 
 
+# Errors of the operating system that come of a path that somebody gave.
+_WRONG_PATH = (FileExistsError, FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError)
+
+
 def _translated(error: BaseException) -> tuple[str, int]:
     """One line about an error, and the exit code."""
     if isinstance(error, typer.TyperException):
@@ -69,7 +73,8 @@ def _translated(error: BaseException) -> tuple[str, int]:
     if isinstance(error, (KeyboardInterrupt, typer.Abort)):
         return "interrupted", 130
     if isinstance(error, OSError):
-        return _one_line(f"{error.filename or 'operating system'}: {error.strerror or error}"), 1
+        place = str(error.filename or "operating system").removesuffix(".partial")
+        return _one_line(f"{place}: {error.strerror or error}"), 2 if isinstance(error, _WRONG_PATH) else 1
     what = _one_line(f"{type(error).__name__}: {error}")
     return f"unexpected {what}; run again with --debug and report what it prints", 1
 

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fractal_farm.errors import InputError
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -59,7 +61,10 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: st
         table.add_column(name, justify="right" if numeric else "left", no_wrap=numeric, overflow="ellipsis")
     for row in rows:
         table.add_row(*(text(cell) for cell in row))
-    _console().print(table)
+    console = _console()
+    if not console.is_terminal:
+        console.width = max(console.width, console.measure(table).maximum)
+    console.print(table)
 
 
 def print_facts(facts: Mapping[str, Any]) -> None:
@@ -101,6 +106,8 @@ def duration(seconds: float) -> str:
 
 def write_file(path: Path, content: bytes) -> None:
     """Write a file as a whole or not at all; directories are made."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a directory; name a file")
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.partial")
     try:

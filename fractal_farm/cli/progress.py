@@ -58,7 +58,9 @@ class RunView:
         """Learn from an event; what is worth a line of its own is returned."""
         if isinstance(event, RunStarted):
             self.started, self._began, self._heard = event, now, now
-            again = f", on from epoch {event.epochs}" if event.epochs else ""
+            self.progress, self.meshes = event.progress, event.meshes
+            self.files, self.bytes = event.files, event.bytes
+            again = f", on from epoch {event.progress.epochs}" if event.progress.epochs else ""
             return (
                 f"run {event.name} ({event.run_id}): {event.islands} islands on {event.workers} "
                 f"{'worker' if event.workers == 1 else 'workers'} ({event.executor}){again}; "

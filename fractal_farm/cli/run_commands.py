@@ -134,7 +134,7 @@ def _report(summary: RunSummary, as_json: bool) -> int:
             "designs": f"{progress.designs:,} in the catalogue, {progress.kept_qualified:,} of them qualified",
             "evaluated": f"{progress.evaluated:,} in {progress.epochs:,} epochs and {duration(ended.elapsed_s)}",
             "best fitness": f"{progress.best_fitness:.4f}",
-            "meshes": f"{ended.meshes} made{failed}" + (f", in {summary.path / 'solids'}" if ended.meshes else ""),
+            "meshes": f"{ended.meshes} made now{failed}" + (f", in {summary.path / 'solids'}" if ended.meshes else ""),
             "picture": summary.sheet,
             "digest": ended.digest,
         }
@@ -144,13 +144,13 @@ def _report(summary: RunSummary, as_json: bool) -> int:
 
 def _status_facts(facts: dict[str, Any]) -> dict[str, Any]:
     """A run's state as a person reads it."""
-    reason = f", {facts['reason']}" if facts["reason"] else ""
+    reason = f", {facts['reason']}" if facts["reason"] not in (None, facts["state"]) else ""
     counts = ", ".join(f"{number:,} of {maps} maps" for maps, number in sorted(facts["n_maps"].items()))
     failed = f", {facts['mesh_failures']} failed" if facts["mesh_failures"] else ""
     return {
         "run": f"{facts['name']} ({facts['run_id']}): {facts['state']}{reason}",
         "designs": f"{facts['designs']:,}" + (f": {counts}" if counts else ""),
-        "qualified": f"{facts['kept_qualified']:,}",
+        "qualified": f"{facts['kept_qualified']:,} kept, of {facts['qualified']:,} found",
         "printable": f"{facts['printable']:,} in one piece at the run's wall",
         "evaluated": f"{facts['evaluated']:,} in {facts['epochs']:,} epochs and {duration(facts['elapsed_s'])} "
         f"({facts['rate']:,.0f}/s)",

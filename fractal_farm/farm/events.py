@@ -38,7 +38,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class RunStarted:
-    """A run begins, or goes on from `epochs` complete ones."""
+    """A run begins, or goes on from where `progress` says; the catalogue has so many files, bytes and meshes."""
 
     run_id: str
     name: str
@@ -46,7 +46,10 @@ class RunStarted:
     executor: str
     workers: int
     islands: int
-    epochs: int
+    progress: Progress
+    files: int
+    bytes: int
+    meshes: int
     stop: dict[str, float | int | None]
 
 
@@ -88,7 +91,7 @@ class Migration:
 
 @dataclass(frozen=True)
 class MeshFinished:
-    """A solid is in the catalogue, or `failure` says why not."""
+    """A solid is in the catalogue, which now has `done` of the `wanted` ones, or `failure` says why not."""
 
     design_id: str
     seconds: float

@@ -91,6 +91,7 @@ class Run:
         self._schedule = schedule
         self.progress = progress
         self._queue = queue
+        self._meshes_before = queue.started
         self._announce = announce
         self._interrupted = interrupted
         self._files, self._bytes = usage
@@ -169,7 +170,8 @@ class Run:
             self.mesh_failures += item.failure is not None
             identity = item.order.genome.design_id
             limit = self._config.solids.max
-            self._announce(MeshFinished(identity, item.seconds, self.meshes, limit, item.failure))
+            done = self._meshes_before + self.meshes
+            self._announce(MeshFinished(identity, item.seconds, done, limit, item.failure))
         else:
             self._start_again(item)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import os
 import platform
 import socket
 from collections.abc import Callable, Iterator, Sequence
@@ -141,6 +142,8 @@ def resume(
     if config.catalogue.keep != stored["catalogue"]["keep"]:
         raise InputError(f"--set catalogue.keep={config.catalogue.keep}: it is fixed when the run begins")
     check_disk(config, path)
+    with run_lock(path, run_id):
+        pass  # a run that is at work is refused before anything is started for it
     with _workers(config, address, executor) as new_executor:
         return _session(config, path, new_executor, callbacks)
 
@@ -169,6 +172,8 @@ def _session(config: RunConfig, root: Path, new_executor: NewExecutor, callbacks
         executor = new_executor(root)
         stack.callback(executor.close)
         interrupted = stack.enter_context(interrupts())
+        usage = Catalogue.open(root).usage()
+        queue = mesh_queue(config, root)
         announce(
             RunStarted(
                 run_id,
@@ -177,18 +182,20 @@ def _session(config: RunConfig, root: Path, new_executor: NewExecutor, callbacks
                 executor.name,
                 executor.workers,
                 config.evolution.islands,
-                progress.epochs,
+                progress,
+                usage.files,
+                usage.bytes,
+                queue.started,
                 config.stop.model_dump(),
             )
         )
-        usage = Catalogue.open(root).usage()
         run = Run(
             config,
             root,
             executor,
             schedule,
             progress,
-            mesh_queue(config, root),
+            queue,
             announce,
             interrupted,
             (usage.files, usage.bytes),
@@ -306,9 +313,17 @@ def _check_target(out: Path, config: RunConfig, into: bool) -> None:
         if config.run_id in run_ids(out):
             raise InputError(f"{out}: run {config.run_id} is in this catalogue already; `farm resume {out}`")
         return
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        held = f"holds run {', '.join(run_ids(out))}" if out.is_dir() and run_ids(out) else "is not empty"
-        raise InputError(f"{out}: {held}; choose another --out, or go on with `farm resume {out}`")
+    place = out.absolute()
+    while not place.exists():
+        place = place.parent
+    if not place.is_dir():
+        raise InputError(f"{out}: {place} is a file; choose another --out")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"{out}: {place} is not writable; choose another --out")
+    if out.exists() and (held := run_ids(out)):
+        raise InputError(f"{out}: holds run {', '.join(held)}; choose another --out, or `farm resume {out}`")
+    if out.exists() and any(out.iterdir()):
+        raise InputError(f"{out}: is not empty; choose another --out")
 
 
 def _versions() -> dict[str, str]:

@@ -19,7 +19,7 @@ from fractal_farm.farm.events import (
 
 
 def started(**stop: float | None) -> RunStarted:
-    return RunStarted("0123456789abcdef", "test", "runs/test", "ray", 2, 4, 0, dict(stop))
+    return RunStarted("0123456789abcdef", "test", "runs/test", "ray", 2, 4, Progress(), 0, 0, 0, dict(stop))
 
 
 def epoch(number: int, elapsed_s: float) -> EpochCompleted:
