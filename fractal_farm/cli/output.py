@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 _PLAIN_WIDTH = 240
+_UNBOUNDED_WIDTH = 100_000
 
 
 def say(message: str) -> None:
@@ -63,7 +64,8 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: st
         table.add_row(*(text(cell) for cell in row))
     console = _console()
     if not console.is_terminal:
-        console.width = max(console.width, console.measure(table).maximum)
+        unbounded = console.options.update(max_width=_UNBOUNDED_WIDTH)
+        console.width = max(console.width, console.measure(table, options=unbounded).maximum)
     console.print(table)
 
 

@@ -270,3 +270,10 @@ def test_the_solids_of_a_run_are_in_its_catalogue(run_directory: Path) -> None:
     solids = Catalogue.open(run_directory).solids()
     assert len(solids) == 1
     assert selection_probabilities(Catalogue.open(run_directory).genome(solids[0].design_id)).sum() == pytest.approx(1)
+
+
+def test_a_table_that_is_no_terminal_loses_no_column(capsys: pytest.CaptureFixture[str], run_directory: Path) -> None:
+    header, row = output(capsys, "list", run_directory, "--columns", "all", "--limit", "1").splitlines()[:2]
+    assert header.split()[0] == "design_id"
+    assert len(row.split()[0]) == 32
+    assert {"operator", "cloud_array", "parents"} <= set(header.split())
