@@ -15,21 +15,10 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from fractal_farm.catalogue.layout import CLOUDS, crc32c
-from fractal_farm.catalogue.rows import genome_of
+from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.quantised_cloud import QuantisedCloud, dequantise, quantised_attractors
 
-GENOME_COLUMNS = (
-    "design_id",
-    "n_maps",
-    "family",
-    "influence",
-    "map_form",
-    "rotation_sign",
-    "genes",
-    "probabilities",
-    "probabilities_by_hand",
-)
 CLOUD_COLUMNS = (
     *GENOME_COLUMNS,
     "writer",

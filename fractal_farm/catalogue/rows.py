@@ -58,6 +58,7 @@ def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] 
 
 
 GENOME_COLUMNS = (
+    "design_id",
     "n_maps",
     "family",
     "influence",
@@ -67,7 +68,7 @@ GENOME_COLUMNS = (
     "probabilities",
     "probabilities_by_hand",
 )
-"""What `genome_of` needs beside the design_id."""
+"""What `genome_of` needs of a row."""
 
 
 def genome_of(row: Mapping[str, Any]) -> Genome:

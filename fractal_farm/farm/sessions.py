@@ -265,7 +265,7 @@ def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
     queue = MeshQueue(settings.max, settings.wall_mm / settings.size_mm, len(made))
     for identity in made:
         queue.skip(identity)
-    designs = catalogue.designs(["design_id", "fitness", "gap", *GENOME_COLUMNS], config.run_id)
+    designs = catalogue.designs([*GENOME_COLUMNS, "fitness", "gap"], config.run_id)
     designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
     thickened = pc.greater(designs.column("gap"), settings.wall_mm / settings.size_mm)
     designs = designs.append_column("thickened", thickened).sort_by(
