@@ -153,14 +153,13 @@ def advance(
     first = epoch * config.generations_per_epoch + 1
     if epoch == 0:
         brood = founders(config, island)
-        scores = yield _candidates(brood)
+        scores = yield from _evaluated(brood)
         _found(work, brood, scores, config, island)
     settled = 0
     if inbox:
         policy = config.migration.replacement
-        for _source, arrivals in inbox:
-            work.library, places = settle(work.library, arrivals, policy, config.seed, island, first)
-            settled += places
+        arrivals = np.concatenate([leaving for _source, leaving in inbox])
+        work.library, settled = settle(work.library, arrivals, policy, config.seed, island, first)
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
     after = work.library
@@ -180,7 +179,7 @@ def advance(
         np.array(leaving, np.int32),
         np.concatenate(work.born) if work.born else after[:0],
         tuple(work.statistics),
-        tuple((source, len(arrivals)) for source, arrivals in inbox),
+        tuple((source, len(leaving)) for source, leaving in inbox),
         settled,
     )
 
@@ -218,7 +217,7 @@ def _generation(
         slots = config.offspring or ACCEPTED_BLOCK
         brood = offspring(work.library, config, island, generation, block, slots)
         if len(brood.slots):
-            scores = yield _candidates(brood)
+            scores = yield from _evaluated(brood)
             scored = _scored(brood, scores, config, island, epoch, generation)
             passed = (scores.refusals == 0) & (scored["fitness"] >= config.elimination)
             count = len(scored)
@@ -253,8 +252,12 @@ def _join(work: _Epoch, accepted: Designs, config: EvolutionConfig) -> int:
     return len(newcomers)
 
 
-def _candidates(brood: Brood) -> Candidates:
-    return Candidates(brood.genes, brood.n_maps)
+def _evaluated(brood: Brood) -> Generator[Candidates, Scores, Scores]:
+    """The scores of a brood; nobody is asked about an empty one."""
+    if not len(brood.slots):
+        return Scores(np.zeros((0, len(SCORE_FIELDS))), np.zeros(0, np.uint8))
+    scores = yield Candidates(brood.genes, brood.n_maps)
+    return scores
 
 
 def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, epoch: int, generation: int) -> Designs:

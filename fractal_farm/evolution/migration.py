@@ -39,7 +39,8 @@ def sources(topology: str, islands: int, degree: int, seed: int) -> list[tuple[i
     else:
         rng = stream(seed, Purpose.TOPOLOGY)
         circle = rng.permutation(islands).tolist()
-        steps = (1 + rng.permutation(islands - 1))[:reach].tolist()
+        # One step on the circle connects all islands; the others are shortcuts.
+        steps = [1, *(2 + rng.permutation(islands - 2)).tolist()][:reach]
     place = {island: k for k, island in enumerate(circle)}
     return [tuple(sorted(circle[(place[island] + step) % islands] for step in steps)) for island in range(islands)]
 
@@ -105,6 +106,10 @@ def settle(
     library = library.copy()
     for index in range(len(arrivals)):
         arrival = without_repeats(arrivals[index : index + 1], library)
+        if len(arrival) and not len(library):
+            library = arrival.copy()
+            settled += 1
+            continue
         place = policy(library, arrival[0], rng) if len(arrival) else None
         if place is not None:
             library[place] = arrival[0]

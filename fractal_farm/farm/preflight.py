@@ -18,8 +18,8 @@ _EVALUATIONS_A_CORE = 2500.0
 _QUALIFIED_SHARE = 0.5
 
 
-def check_disk(config: RunConfig, out: Path) -> None:
-    """Refuse a run whose declared budget does not fit the disk.
+def check_disk(config: RunConfig, out: Path, written: int = 0) -> None:
+    """Refuse a run whose declared budget, less what it has written already, does not fit the disk.
 
     Raises:
         InputError: too little space, naming what is needed and what would fit.
@@ -29,7 +29,7 @@ def check_disk(config: RunConfig, out: Path) -> None:
         place = place.parent
     free = shutil.disk_usage(place).free / 1e9
     kept = config.catalogue.min_free_gb
-    needed = expected_gigabytes(config)
+    needed = max(0.0, expected_gigabytes(config) - written / 1e9)
     if free < kept + needed:
         raise InputError(
             f"catalogue.min_free_gb {kept:g}: {place} has {free:.1f} GB free, and this run needs about {needed:.1f} GB "

@@ -40,8 +40,12 @@ PART_DESIGNS = 256
 PART_SECONDS = 20.0
 SNAPSHOT_EPOCHS = 200
 STALL_SECONDS = 600.0
+_SECONDS_A_POINT = 4e-7  # a slow evaluation: 2 ms for 5,000 points
+_SLOTS_FOR_ONE = 4  # slots that one accepted offspring costs, at most, as a rule
 _WAIT_SECONDS = 0.25
-_LOSSES_IN_A_ROW = 100
+_LOSSES_IN_A_ROW = 20
+_MESH_TRIES = 3
+_BACKLOG_DESIGNS = 8 * PART_DESIGNS
 
 
 @dataclass
@@ -105,6 +109,7 @@ class Run:
         self.meshes = 0
         self.mesh_failures = 0
         self._losses = 0
+        self._mesh_losses: dict[str, int] = {}
         self._started = self._moved = time.monotonic()
         self._evaluated_before = progress.evaluated
         self._ending: str | None = self._reached(progress)
@@ -132,7 +137,7 @@ class Run:
 
     def mesh_the_rest(self) -> None:
         """Make solids of the best designs until the budget is spent, the designs are, or somebody interrupts."""
-        while self._interrupted() is None:
+        while self._must_stop() is None:
             self._start_meshes(1.0)
             if not self._meshing:
                 return
@@ -147,7 +152,9 @@ class Run:
         return self._elapsed_before + time.monotonic() - self._started
 
     def _start_work(self) -> None:
-        if self._ending is None:
+        # The writer must keep up: nothing is started while a full part waits behind the one that is being written.
+        backlog = self._in_flight is not None and self._group.designs >= _BACKLOG_DESIGNS
+        if self._ending is None and not backlog:
             for island, epoch in self._schedule.ready():
                 state = self._schedule.state[island]
                 self._executor.start_epoch(island, epoch, self._schedule.start(island, epoch), state)
@@ -273,12 +280,18 @@ class Run:
     def _start_again(self, lost: WorkLost) -> None:
         """What was lost to a dead process is started again, from what the run itself knows."""
         self._losses += 1
-        if self._losses > _LOSSES_IN_A_ROW:
+        if self._losses > _LOSSES_IN_A_ROW * self._config.evolution.islands:
             raise FarmError(f"workers died {self._losses} times in a row ({lost.cause}); see `farm doctor`")
         if isinstance(lost.what, Part):
             self._announce(Fault("writer", lost.cause, "the part is written again"))
             self._executor.commit(lost.what)
         elif isinstance(lost.what, MeshOrder):
+            identity = lost.what.genome.design_id
+            self._mesh_losses[identity] = self._mesh_losses.get(identity, 0) + 1
+            if self._mesh_losses[identity] >= _MESH_TRIES:
+                failure = f"its worker died {_MESH_TRIES} times ({lost.cause}); try a lower resolution with farm mesh"
+                self._take(MeshDone(lost.what, 0.0, failure))
+                return
             self._announce(Fault("mesh worker", lost.cause, "the design goes back into the queue"))
             self._meshing -= 1
             self._queue.again(lost.what)
@@ -291,11 +304,15 @@ class Run:
 
     def _why_end(self) -> str | None:
         """Reasons that depend on the clock, the user or the disk: the run ends at its last complete epoch."""
-        if (reason := self._interrupted()) is not None:
-            return reason
         hours = self._config.stop.hours
         if hours is not None and self.elapsed_s >= 3600.0 * hours:
             return f"{hours:g} hours have passed"
+        return self._must_stop()
+
+    def _must_stop(self) -> str | None:
+        """Reasons that end the making of solids too."""
+        if (reason := self._interrupted()) is not None:
+            return reason
         free = shutil.disk_usage(self._root).free
         if free < self._config.catalogue.min_free_gb * 1e9:
             return f"only {free / 1e9:.1f} GB of disk are free"
@@ -333,7 +350,15 @@ class Run:
         now = time.monotonic()
         if moved:
             self._moved = now
-        elif now - self._moved > STALL_SECONDS:
+        elif now - self._moved > self._patience_s():
             raise FarmError(
-                f"nothing has finished for {STALL_SECONDS:.0f} s; see the Ray logs, then `farm resume {self._root}`"
+                f"nothing has finished for {now - self._moved:.0f} s; see the Ray logs, then `farm resume {self._root}`"
             )
+
+    def _patience_s(self) -> float:
+        """How long nothing may finish: many times what an epoch of all islands can take."""
+        evolution = self._config.evolution
+        generation = evolution.offspring or _SLOTS_FOR_ONE * (evolution.accepted or 1)
+        genomes = evolution.islands * (evolution.library.size + evolution.generations_per_epoch * generation)
+        epoch_s = genomes * _SECONDS_A_POINT * evolution.phenotype.points / self._executor.workers
+        return max(STALL_SECONDS, 10.0 * epoch_s)

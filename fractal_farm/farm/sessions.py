@@ -141,7 +141,7 @@ def resume(
         )
     if config.catalogue.keep != stored["catalogue"]["keep"]:
         raise InputError(f"--set catalogue.keep={config.catalogue.keep}: it is fixed when the run begins")
-    check_disk(config, path)
+    check_disk(config, path, Catalogue.open(path).usage().bytes)
     with run_lock(path, run_id):
         pass  # a run that is at work is refused before anything is started for it
     with _workers(config, address, executor) as new_executor:
@@ -262,10 +262,11 @@ def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
     parameters = SolidParameters(size_mm=settings.size_mm, wall_mm=settings.wall_mm)
     catalogue = Catalogue.open(root)
     made = {solid.design_id for solid in catalogue.solids() if solid.parameters_hash == parameters.hash}
-    queue = MeshQueue(settings.max, settings.wall_mm / settings.size_mm, len(made))
+    designs = catalogue.designs([*GENOME_COLUMNS, "fitness", "gap"], config.run_id)
+    own = made.intersection(designs.column("design_id").to_pylist())
+    queue = MeshQueue(settings.max, settings.wall_mm / settings.size_mm, len(own))
     for identity in made:
         queue.skip(identity)
-    designs = catalogue.designs([*GENOME_COLUMNS, "fitness", "gap"], config.run_id)
     designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
     thickened = pc.greater(designs.column("gap"), settings.wall_mm / settings.size_mm)
     designs = designs.append_column("thickened", thickened).sort_by(

@@ -99,15 +99,19 @@ def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:
 
     try:
         return solid_files(order.genome, order.parameters, order.formats), None
-    except FarmError as error:
-        return {}, str(error)
+    except Exception as error:  # a library's own error must not end the run either
+        text = str(error) if isinstance(error, FarmError) else f"{type(error).__name__}: {error}"
+        return {}, " ".join(text.split())
 
 
 def split(candidates: Candidates, size: int | None) -> list[Candidates]:
     """Cut a block into batches of at most `size` genomes (None: one batch)."""
     count = len(candidates.n_maps)
     step = max(1, count if size is None else size)
-    return [Candidates(candidates.genes[k : k + step], candidates.n_maps[k : k + step]) for k in range(0, count, step)]
+    return [
+        Candidates(candidates.genes[k : k + step], candidates.n_maps[k : k + step])
+        for k in range(0, max(count, 1), step)
+    ]
 
 
 def joined(scores: list[Scores]) -> Scores:

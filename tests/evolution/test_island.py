@@ -192,3 +192,23 @@ def test_islands_import_neither_numba_nor_ray_nor_storage():
     )
     done = run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_arrivals_of_several_sources_do_not_take_each_others_places():
+    state, _ = evolve(SMALL, 1)
+    _, records = evolve(SMALL, 1, island=1)
+    arrivals = records[0].born[:10].copy()
+    arrivals["fitness"] = 0.999
+    record = drive(advance(state, [(1, arrivals[:5]), (2, arrivals[5:])], SMALL, 0, 1), landscape)
+    after = set(library_after(state.library, record)["design_id"].tolist())
+    assert record.settled == 10
+    assert set(arrivals["design_id"].tolist()) <= after
+
+
+def test_an_island_without_founders_takes_in_what_arrives():
+    config = SMALL.model_copy(update={"similarity_dimension": (2.9999, 3.0)})
+    founded, _ = evolve(config, 1)
+    assert len(founded.library) == 0
+    _, records = evolve(SMALL, 1, island=1)
+    record = drive(advance(founded, [(1, records[0].born[:3])], config, 0, 1), landscape)
+    assert record.settled >= 1

@@ -38,13 +38,11 @@ def test_a_random_graph_depends_on_the_seed_alone():
     assert len({tuple(sources("random", 16, 3, seed)) for seed in range(10)}) == 10
 
 
-def test_most_random_graphs_of_degree_two_connect_all_islands():
-    connected = 0
+def test_random_graphs_connect_all_islands():
     for seed in range(30):
         graph = nx.DiGraph()
         graph.add_edges_from((s, k) for k, own in enumerate(sources("random", 8, 2, seed)) for s in own)
-        connected += nx.is_strongly_connected(graph)
-    assert connected > 20
+        assert nx.is_strongly_connected(graph)
 
 
 def test_the_best_leave_in_the_total_order():

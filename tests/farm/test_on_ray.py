@@ -14,7 +14,7 @@ import pytest
 from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue
 from fractal_farm.errors import FarmError
-from fractal_farm.farm.events import Callback, EpochCompleted, Fault, RunStarted
+from fractal_farm.farm.events import Callback, EpochCompleted, Fault, MeshFinished, RunEnded, RunStarted
 from tests.farm.runs import Recorder, small_config
 
 pytestmark = pytest.mark.ray
@@ -111,6 +111,24 @@ def test_solids_are_made_while_evolution_goes_on(ray_cluster, tmp_path):
     summary = farm.submit(config, tmp_path / "run", executor="ray", callbacks=[recorder])
     assert summary.ended.meshes + summary.ended.mesh_failures == 2
     assert len(Catalogue.open(tmp_path / "run").solids()) == summary.ended.meshes
+
+
+def test_a_writer_killed_among_solids_costs_none_of_them(ray_cluster, tmp_path):
+    class Blow(Callback):
+        fallen = 0
+
+        def on_event(self, event):
+            if isinstance(event, RunEnded | MeshFinished) and not self.fallen:
+                for process in ray_processes("Writer"):
+                    process.kill()
+                    self.fallen += 1
+
+    blow, recorder = Blow(), Recorder()
+    config = small_config("solids.max=4", "evolution.qualified=0.8", "stop.epochs=4")
+    summary = farm.submit(config, tmp_path / "run", executor="ray", callbacks=[blow, recorder])
+    assert blow.fallen == 1
+    assert summary.ended.meshes == 4
+    assert len(Catalogue.open(tmp_path / "run").solids()) == 4
 
 
 def test_an_error_of_the_writer_reaches_the_user_as_one_line(ray_cluster, tmp_path):

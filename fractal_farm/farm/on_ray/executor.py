@@ -13,7 +13,14 @@ from collections.abc import Callable
 from typing import Any
 
 import ray
-from ray.exceptions import RayActorError, RayTaskError, WorkerCrashedError
+from ray.exceptions import (
+    NodeDiedError,
+    ObjectLostError,
+    OutOfMemoryError,
+    RayActorError,
+    RayTaskError,
+    WorkerCrashedError,
+)
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from fractal_farm.config import EvolutionConfig, RunConfig
@@ -39,6 +46,8 @@ from fractal_farm.farm.work import (
     split,
 )
 
+# What says that a process, a node or its memory is gone, and not that the work itself is at fault.
+_LOST = (RayActorError, WorkerCrashedError, OutOfMemoryError, NodeDiedError, ObjectLostError)
 _MESH_NICENESS = 10
 _MESH_WORKERS = 4
 
@@ -189,8 +198,8 @@ class RayExecutor:
     def _finished(self, call: Any, kind: str, what: Any) -> Finished:
         try:
             result = ray.get(call)
-        except (RayActorError, WorkerCrashedError) as error:
-            if kind == "part" or (kind == "mesh" and not self._alive(self._writer)):
+        except _LOST as error:
+            if kind != "epoch" and self._writer is not None and not self._alive(self._writer):
                 self._writer = None
             if kind == "epoch":
                 self._memory.pop(what[0], None)
@@ -216,6 +225,6 @@ class RayExecutor:
     def _alive(actor: Any) -> bool:
         try:
             ray.get(actor.ping.remote())
-        except RayActorError:
+        except _LOST:
             return False
         return True

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from fractal_farm.errors import InputError
+from fractal_farm.errors import FarmError, InputError
 
 # Read by Ray when it is first imported. Token authentication would write into HOME; the embedded cluster listens on
 # loopback only and ends with this process.
@@ -66,6 +66,7 @@ def session(address: str | None, workers: int | None) -> Iterator[int]:
     try:
         if address is None:
             ray.init(
+                address="local",
                 num_cpus=workers or os.cpu_count(),
                 include_dashboard=False,
                 object_store_memory=_OBJECT_STORE_BYTES,
@@ -74,8 +75,10 @@ def session(address: str | None, workers: int | None) -> Iterator[int]:
             )
         else:
             ray.init(address=address, **options)
-    except (ConnectionError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
+        if address is None:
+            raise FarmError(f"Ray does not start on this machine ({reason}); see `farm doctor --ray`") from None
         raise InputError(
             f"--address {address}: no Ray cluster answers ({reason}); start one with `ray start --head`, or leave "
             "--address out"
@@ -93,7 +96,9 @@ def _processors(ray: Any) -> int:
 
 def _check_reachable(address: str) -> None:
     """A plain TCP connection, since Ray itself would try for minutes."""
-    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if "://" in address:
+        raise InputError(f"--address {address}: a Ray client is not offered; run farm on a node, with host:port")
+    host, _, port = address.rpartition(":")
     if not host or not port.isdigit():
         raise InputError(f"--address {address}: give host:port of a running cluster, or auto")
     try:
