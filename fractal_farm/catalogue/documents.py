@@ -7,20 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fractal_farm.catalogue.durable import Durability, put
 from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.errors import FarmError
 
 _SEAL = "crc32c"
-
-
-def write_document(path: Path, content: Mapping[str, Any], durability: Durability = "full") -> None:
-    """Write a JSON object with its checksum under the key "crc32c".
-
-    Raises:
-        FarmError: see `durable.put`.
-    """
-    put(path, encoded_document(content), durability)
 
 
 def encoded_document(content: Mapping[str, Any]) -> bytes:

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 DESCRIPTOR_LENGTH = 14
-PER_MAP = 12
-"""Numbers of one resolved map."""
 
 
 class Column(NamedTuple):

@@ -104,7 +104,6 @@ class Run:
         self._group = _Group(progress=progress)
         self._in_flight: tuple[Part, Progress] | None = None
         self._snapshot_epoch = schedule.complete
-        self._waiting: dict[str, Designs] = {}
         self._meshing = 0
         self.meshes = 0
         self.mesh_failures = 0
