@@ -81,6 +81,15 @@ def unpack_ledger(blob: bytes, dtype: np.dtype[Any]) -> Ledger:
     return Ledger(records, Progress(**header["progress"]), header["elapsed_s"])
 
 
+def read_summary(blob: bytes) -> dict[str, Any]:
+    """What a ledger says without its arrays: progress, elapsed_s, and of each record island, epoch, statistics,
+    arrivals and settled, as JSON has them.
+    """
+    raw = zlib.decompress(blob)
+    summary: dict[str, Any] = json.loads(raw[4 : 4 + int.from_bytes(raw[:4], "little")])[0]
+    return summary
+
+
 def pack_states(states: dict[int, IslandState]) -> bytes:
     """The states of all islands after one epoch."""
     islands = sorted(states)

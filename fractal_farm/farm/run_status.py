@@ -13,8 +13,8 @@ from fractal_farm.config import RunConfig
 from fractal_farm.evolution.island import founding_state
 from fractal_farm.farm.event_log import read_log
 from fractal_farm.farm.events import Progress
+from fractal_farm.farm.history import only_run
 from fractal_farm.farm.records import unpack_ledger
-from fractal_farm.farm.sessions import only_run
 
 FORECAST_HOURS = 10.0
 _SETTLED_SECONDS = 60.0

@@ -34,6 +34,7 @@ from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.event_log import EventLog
 from fractal_farm.farm.events import Announcer, Callback, Progress, RunEnded, RunStarted
 from fractal_farm.farm.executor import Executor, SerialExecutor
+from fractal_farm.farm.history import only_run
 from fractal_farm.farm.interrupts import interrupts
 from fractal_farm.farm.mesh_queue import MeshQueue
 from fractal_farm.farm.preflight import check_disk
@@ -146,15 +147,6 @@ def resume(
         pass  # a run that is at work is refused before anything is started for it
     with _workers(config, address, executor) as new_executor:
         return _session(config, path, new_executor, callbacks)
-
-
-def only_run(path: Path) -> str:
-    """The id of a catalogue's run; the latest begun if it holds several."""
-    Catalogue.open(path)
-    found = run_ids(path)
-    if not found:
-        raise InputError(f"{path}: this catalogue holds no run; start one with `farm submit`")
-    return max(found, key=lambda run_id: (path / "runs" / run_id / "run.json").stat().st_mtime)
 
 
 NewExecutor = Callable[[Path], Executor]
