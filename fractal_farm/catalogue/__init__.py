@@ -8,7 +8,16 @@ from fractal_farm.catalogue.durable import StorageFullError
 from fractal_farm.catalogue.reader import Catalogue, Usage
 from fractal_farm.catalogue.records import committed_records, latest_snapshot, remove_orphans, write_snapshot
 from fractal_farm.catalogue.rows import design_table
-from fractal_farm.catalogue.runs import RunInfo, create_run, read_run, record_end, run_ends, run_ids, run_lock
+from fractal_farm.catalogue.runs import (
+    RunInfo,
+    create_run,
+    read_run,
+    record_end,
+    run_ends,
+    run_ids,
+    run_is_live,
+    run_lock,
+)
 from fractal_farm.catalogue.solids import SolidInfo
 from fractal_farm.catalogue.writer import CommitReceipt, RunWriter
 
@@ -30,6 +39,7 @@ __all__ = [
     "remove_orphans",
     "run_ends",
     "run_ids",
+    "run_is_live",
     "run_lock",
     "write_snapshot",
 ]

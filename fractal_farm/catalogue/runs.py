@@ -92,8 +92,13 @@ def run_info(root: Path, run_id: str) -> RunInfo:
     description = read_run(root, run_id)
     parts = list_parts(root, run_id)
     rows = sum(part.rows for part in parts)
-    live = _is_locked(run_directory(root, run_id) / _LOCK)
+    live = run_is_live(root, run_id)
     return RunInfo(run_id, description, tuple(run_ends(root, run_id)), live, len(parts), rows)
+
+
+def run_is_live(root: Path, run_id: str) -> bool:
+    """Whether a process holds the run's lock now."""
+    return _is_locked(run_directory(root, run_id) / _LOCK)
 
 
 def record_end(root: Path, run_id: str, facts: Mapping[str, Any], durability: Durability = "full") -> None:
