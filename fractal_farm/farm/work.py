@@ -6,6 +6,7 @@ need none of them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -81,7 +82,12 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     constants = config.fitness
     formula = FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
     result = evaluate_batch(
-        candidates.genes, candidates.n_maps, config.phenotype.phenotype(), config.phenotype.points, formula
+        candidates.genes,
+        candidates.n_maps,
+        config.phenotype.phenotype(),
+        config.phenotype.points,
+        formula,
+        described_from=math.inf,
     )
     values = np.column_stack([result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error])
     return Scores(values, result.refusal)

@@ -20,42 +20,43 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.fitness.cloud_frame import FrameWorkspace, fit_frame, new_frame_workspace
-from fractal_farm.fitness.morton import MortonWorkspace, new_morton_workspace, sort_by_key
+from fractal_farm.fitness.cloud_frame import fit_frame, new_frame_workspace
+from fractal_farm.fitness.morton import gather, new_morton_workspace, sort_by_key
 from fractal_farm.fitness.points import as_cloud
+from fractal_farm.fitness.simd import EXPONENT_BIAS, FRACTION_BITS
 from fractal_farm.ifs.kernel import kernel
 
 N_QUANTILES = 12
 LENGTH = N_QUANTILES + 2
 
+_GOLDEN_SECTION = 0.6180339887498949
 _ROUNDS = 2  # pairs for each point
-_SHIFT = 17  # float32 bits that are not in the number of a bin: 2^6 bins an octave
-_FIRST = (127 - 46) << 6  # bin of d^2 = 2^-46, the square of the coordinates' grid
-_BINS = 49 << 6  # up to d^2 < 8
+_SHIFT = 17  # float32 bits that are not in the number of a bin, which leaves 64 bins an octave
+_PER_OCTAVE = 1 << (FRACTION_BITS - _SHIFT)
+_FIRST = (EXPONENT_BIAS - 46) * _PER_OCTAVE  # bin of d^2 = 2^-46, the square of the coordinates' grid
+_BINS = 49 * _PER_OCTAVE  # up to d^2 < 8
 
 
 class DescriptorWorkspace(NamedTuple):
     """Memory for the descriptor of one cloud of n points.
 
     Attributes:
-        frame: for the principal axes.
-        coordinates: (3, n) float32, the cloud in its frame.
-        morton: for the order of the points.
-        points: (3, n) float32, the cloud in Morton order.
         squares: (n,) float32 squared distances.
         bits: (n,) uint32, the same memory.
         pairs: (3136,) int64, number of pairs in each bin.
         distances: (3136,) float64, sum of their distances.
     """
 
-    frame: FrameWorkspace
-    coordinates: npt.NDArray[np.float32]
-    morton: MortonWorkspace
-    points: npt.NDArray[np.float32]
     squares: npt.NDArray[np.float32]
     bits: npt.NDArray[np.uint32]
     pairs: npt.NDArray[np.int64]
     distances: npt.NDArray[np.float64]
+
+
+def new_descriptor_workspace(n: int) -> DescriptorWorkspace:
+    """Working space for clouds of n points."""
+    squares = np.empty(n, np.float32)
+    return DescriptorWorkspace(squares, squares.view(np.uint32), np.empty(_BINS, np.int64), np.empty(_BINS))
 
 
 def shape_descriptor(points: npt.ArrayLike) -> npt.NDArray[np.float32]:
@@ -73,40 +74,42 @@ def shape_descriptor(points: npt.ArrayLike) -> npt.NDArray[np.float32]:
     """
     cloud = as_cloud(points)
     n = cloud.shape[1]
-    squares = np.empty(n, np.float32)
-    work = DescriptorWorkspace(
-        new_frame_workspace(),
-        np.empty((3, n), np.float32),
-        new_morton_workspace(n),
-        np.empty((3, n), np.float32),
-        squares,
-        squares.view(np.uint32),
-        np.zeros(_BINS, np.int64),
-        np.zeros(_BINS),
-    )
+    frame = new_frame_workspace()
+    coordinates, ordered = np.empty((3, n), np.float32), np.empty((3, n), np.float32)
     descriptor = np.zeros(LENGTH, np.float32)
-    _describe(cloud, work, descriptor)
+    _describe_cloud(
+        cloud, frame, coordinates, new_morton_workspace(n), ordered, new_descriptor_workspace(n), descriptor
+    )
     return descriptor
 
 
 @kernel
-def _describe(cloud, work, descriptor):
-    """Fill descriptor (14,) float32, zero on entry; work is a `DescriptorWorkspace` with empty bins."""
+def _describe_cloud(cloud, frame, coordinates, morton, ordered, work, descriptor):
     n = cloud.shape[1]
-    coordinates, keys, points = work.coordinates, work.morton.keys, work.points
+    if fit_frame(cloud, frame, coordinates):
+        sort_by_key(coordinates, n, np.float32(1.0), morton)
+        gather(coordinates, morton.keys, n, ordered)
+        describe(ordered, n, frame.variances, work, descriptor)
+
+
+@kernel
+def describe(points, n, variances, work, descriptor):
+    """Fill a descriptor.
+
+    Args:
+        points: (3, m) float32 coordinates of a cloud in its frame, of which the first n count, in Morton order.
+        n: number of points, at least 2.
+        variances: (3,) float64 along the principal axes, descending.
+        work: `DescriptorWorkspace` of at least n points.
+        descriptor: (14,) float32, filled.
+    """
     squares, bits, pairs, distances = work.squares, work.bits, work.pairs, work.distances
-    if not fit_frame(cloud, work.frame, coordinates):
-        return
-    sort_by_key(coordinates, n, np.float32(1.0), work.morton)
-    for i in range(n):
-        j = np.uint32(keys[i])
-        points[0, i] = coordinates[0, j]
-        points[1, i] = coordinates[1, j]
-        points[2, i] = coordinates[2, j]
+    pairs[:] = 0
+    distances[:] = 0.0
     step = _lattice_step(n)
     total = 0.0
     for r in range(_ROUNDS):
-        _squared_distances(points, step, r * n // _ROUNDS, squares)
+        _squared_distances(points, n, step, r * n // _ROUNDS, squares)
         for i in range(n):
             total += squares[i]
             b = np.uint32(max(np.int32(bits[i] >> np.uint32(_SHIFT)), np.int32(_FIRST)) - np.int32(_FIRST))
@@ -116,16 +119,14 @@ def _describe(cloud, work, descriptor):
     root_mean_square = math.sqrt(total / (_ROUNDS * n))
     for q in range(N_QUANTILES):
         descriptor[q] /= root_mean_square
-    variances = work.frame.variances
-    if variances[0] > 0.0:
-        descriptor[N_QUANTILES] = math.sqrt(variances[2] / variances[0])
-        descriptor[N_QUANTILES + 1] = math.sqrt(variances[1] / variances[0])
+    for k in range(2):
+        descriptor[N_QUANTILES + k] = math.sqrt(variances[2 - k] / variances[0]) if variances[0] > 0.0 else 0.0
 
 
 @kernel
 def _lattice_step(n):
     """The first number from the golden section of n on that has no factor in common with n."""
-    step = max(1, int(0.6180339887498949 * n))
+    step = max(1, int(_GOLDEN_SECTION * n))
     while True:
         a = n
         b = step
@@ -137,9 +138,8 @@ def _lattice_step(n):
 
 
 @kernel
-def _squared_distances(points, step, offset, squares):
+def _squared_distances(points, n, step, offset, squares):
     """Squared distance of every point i to point (step i + offset) mod n, or the next one if that is i itself."""
-    n = points.shape[1]
     j = offset
     for i in range(n):
         k = j

@@ -1,4 +1,4 @@
-"""Genomes to scores: random iteration, D0, D2, LLE and eq 3.7 for a whole batch in one compiled call.
+"""Genomes to scores: random iteration, D0, D2, LLE, eq 3.7 and the descriptor for a whole batch in one compiled call.
 
 The kernel holds neither the GIL nor a lock, allocates nothing and runs no Python for a genome: working space is
 allocated once a batch, and batches run side by side in threads. Refused genomes do not disturb the others.
@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.errors import InputError
+from fractal_farm.fitness.descriptor import LENGTH, DescriptorWorkspace, describe, new_descriptor_workspace
 from fractal_farm.fitness.dimensions import CloudWorkspace, measure, new_cloud_workspace
-from fractal_farm.fitness.formula import FitnessFormula, fitness, numbers_of
+from fractal_farm.fitness.formula import FitnessFormula, FormulaNumbers, fitness, numbers_of
 from fractal_farm.fitness.lyapunov import (
     TangentWorkspace,
     new_tangent_workspace,
@@ -24,28 +25,35 @@ from fractal_farm.fitness.lyapunov import (
 )
 from fractal_farm.ifs.genome import MAX_MAPS, ROW_LENGTH, Genome, Phenotype, Refusal
 from fractal_farm.ifs.kernel import kernel
-from fractal_farm.ifs.random_iteration import PURPOSES, iterate, stream_keys
-from fractal_farm.ifs.system import System, build_system, new_system, reading_of
+from fractal_farm.ifs.random_iteration import iterate, stream_keys, stream_number
+from fractal_farm.ifs.system import Reading, System, build_system, new_system, reading_of
 
 FloatArray = npt.NDArray[np.float64]
 
-_FITNESS = PURPOSES["fitness"]
 _NONE = int(Refusal.NONE)
 _NOT_FINITE = int(Refusal.NOT_FINITE)
-_COLUMNS = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error")
+_D0, _D2, _LLE, _FITNESS, _D0_ERROR, _D2_ERROR = range(6)  # rows of the values that the kernel fills
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """Scores of B genomes, in the order in which they came.
 
+    Errors are standard errors. From one cloud, those of D0 and D2 are the fitted slope's (nan if fewer than three
+    scales were of use), that of LLE is 0 where LLE is exact, and the others are not known (nan). From several clouds
+    all of them are errors of the means over the clouds.
+
     Attributes:
         d0: (B,) float64 capacity dimension in [0, 3].
         d2: (B,) float64 correlation dimension in [0, 3].
         lle: (B,) float64 largest Lyapunov exponent, nats per iteration.
         fitness: (B,) float64 in [0, 1], eq 3.7; 0 where refused.
-        d0_error: (B,) float64 standard error of the slope that D0 is; nan if fewer than three scales were of use.
-        d2_error: (B,) float64 standard error of the slope that D2 is.
+        descriptor: (B, 14) float32, see `shape_descriptor`.
+        d0_error: (B,) float64.
+        d2_error: (B,) float64.
+        lle_error: (B,) float64.
+        fitness_error: (B,) float64.
+        descriptor_error: (B, 14) float32.
         refusal: (B,) uint8 `Refusal` codes, 0 where scored; all values but `fitness` are nan where it is not 0.
     """
 
@@ -53,8 +61,12 @@ class Evaluation:
     d2: FloatArray
     lle: FloatArray
     fitness: FloatArray
+    descriptor: npt.NDArray[np.float32]
     d0_error: FloatArray
     d2_error: FloatArray
+    lle_error: FloatArray
+    fitness_error: FloatArray
+    descriptor_error: npt.NDArray[np.float32]
     refusal: npt.NDArray[np.uint8]
 
 
@@ -62,24 +74,28 @@ def evaluate(
     genomes: Sequence[Genome | npt.ArrayLike],
     n_points: int = 5000,
     formula: FitnessFormula | None = None,
+    repeats: int = 1,
 ) -> Evaluation:
     """Score genomes.
 
     Args:
         genomes: `Genome`s or (N, 7) arrays, of any mixture of sizes and phenotypes.
-        n_points: points of each cloud, at least 2.
+        n_points: points of each cloud, at least 2; beyond 20,000, D2 takes a sample of the pairs.
         formula: constants of eq 3.7; the calibrated defaults if None.
+        repeats: independent clouds for each genome, at least 1. Values are means over them. The first cloud is the
+            one that the farm scores a design by.
 
     Returns:
         The scores. A genome whose numbers are not finite or do not contract is not scored but refused, with a code.
 
     Raises:
-        InputError: a genome of a wrong shape, or n_points below 2.
+        InputError: a genome of a wrong shape, n_points below 2, or repeats below 1.
     """
     formula = FitnessFormula() if formula is None else formula
+    if repeats < 1:
+        raise InputError(f"repeats is {repeats}; a score needs at least 1 cloud")
     typed = [_as_typed(value, f"genome {number}") for number, value in enumerate(genomes)]
-    values = np.empty((len(typed), len(_COLUMNS)))
-    refusal = np.empty(len(typed), np.uint8)
+    result = _unscored(len(typed))
     for phenotype in dict.fromkeys(genome.phenotype for genome in typed):
         members = [i for i, genome in enumerate(typed) if genome.phenotype == phenotype]
         genes = np.zeros((len(members), MAX_MAPS, ROW_LENGTH[phenotype.family]))
@@ -89,10 +105,13 @@ def evaluate(
             if typed[i].probabilities is not None:
                 by_hand[row, : typed[i].n_maps] = typed[i].probabilities
         n_maps = np.array([typed[i].n_maps for i in members], np.int64)
-        part = evaluate_batch(genes, n_maps, phenotype, n_points, formula, by_hand)
-        values[members] = np.column_stack([getattr(part, name) for name in _COLUMNS])
-        refusal[members] = part.refusal
-    return _named(np.ascontiguousarray(values.T), refusal)
+        parts = [
+            evaluate_batch(genes, n_maps, phenotype, n_points, formula, by_hand, repeat) for repeat in range(repeats)
+        ]
+        part = parts[0] if repeats == 1 else _mean(parts)
+        for name, column in vars(result).items():
+            column[members] = getattr(part, name)
+    return result
 
 
 def evaluate_batch(
@@ -102,6 +121,8 @@ def evaluate_batch(
     n_points: int,
     formula: FitnessFormula,
     probabilities: FloatArray | None = None,
+    repeat: int = 0,
+    described_from: float = 0.0,
 ) -> Evaluation:
     """Score a batch of genomes of one phenotype in one call that releases the GIL.
 
@@ -113,6 +134,9 @@ def evaluate_batch(
         formula: constants of eq 3.7.
         probabilities: (B, M) float64 selection probabilities set by hand; rows that begin with a negative number, or
             None, leave them to eqs 3.3 and 3.4.
+        repeat: number of an independent cloud; 0 is the one that scores are computed from.
+        described_from: fitness from which on a genome gets a descriptor, which takes a tenth of the time; above 1,
+            none does. Those of the others are nan.
 
     Returns:
         The scores.
@@ -132,11 +156,33 @@ def evaluate_batch(
     by_hand = np.full(genes.shape[:2], -1.0) if probabilities is None else np.array(probabilities, np.float64)
     if by_hand.shape != genes.shape[:2]:
         raise InputError(f"probabilities: shape {by_hand.shape}; give {genes.shape[:2]}")
-    values = np.empty((len(_COLUMNS), len(genes)))
-    refusal = np.empty(len(genes), np.uint8)
+    values = np.empty((6, len(genes)))
+    result = _unscored(len(genes))
+    stream = stream_number("fitness" if repeat == 0 else "repeat", repeat)
+    task = Task(reading_of(phenotype), numbers_of(formula), stream, float(described_from))
     work = new_batch_workspace(n_points)
-    _evaluate_genomes(genes, n_maps, by_hand, reading_of(phenotype), numbers_of(formula), work, values, refusal)
-    return _named(values, refusal)
+    _evaluate_genomes(genes, n_maps, by_hand, task, work, values, result.descriptor, result.refusal)
+    for row, name in enumerate(("d0", "d2", "lle", "fitness", "d0_error", "d2_error")):
+        getattr(result, name)[:] = values[row]
+    if phenotype.family == "similarity":
+        result.lle_error[result.refusal == _NONE] = 0.0
+    return result
+
+
+class Task(NamedTuple):
+    """What is asked of a batch, in the plain numbers that kernels take.
+
+    Attributes:
+        reading: how rows become maps.
+        formula: constants of eq 3.7.
+        stream: number of the random stream.
+        described_from: fitness from which on a descriptor is computed.
+    """
+
+    reading: Reading
+    formula: FormulaNumbers
+    stream: int
+    described_from: float
 
 
 class BatchWorkspace(NamedTuple):
@@ -146,53 +192,97 @@ class BatchWorkspace(NamedTuple):
         system: maps, probabilities and keys of the genome.
         cloud: (3, n) float64, its orbit.
         measures: for D0 and D2.
+        descriptor: for the descriptor.
         tangent: for LLE of affine genomes.
     """
 
     system: System
     cloud: FloatArray
     measures: CloudWorkspace
+    descriptor: DescriptorWorkspace
     tangent: TangentWorkspace
 
 
 def new_batch_workspace(n_points: int) -> BatchWorkspace:
     """Working space for clouds of n_points."""
-    return BatchWorkspace(new_system(), np.empty((3, n_points)), new_cloud_workspace(n_points), new_tangent_workspace())
+    return BatchWorkspace(
+        new_system(),
+        np.empty((3, n_points)),
+        new_cloud_workspace(n_points),
+        new_descriptor_workspace(n_points),
+        new_tangent_workspace(),
+    )
 
 
 @kernel
-def _evaluate_genomes(genes, n_maps, by_hand, reading, formula, work, values, refusal):  # type: ignore[no-untyped-def]
-    """Fill values (6, B) and refusal (B,), one genome after the other."""
+def _evaluate_genomes(genes, n_maps, by_hand, task, work, values, descriptors, refusal):  # type: ignore[no-untyped-def]
+    """Fill values (6, B), descriptors (B, 14) and refusal (B,), one genome after the other."""
     system, cloud = work.system, work.cloud
-    last = cloud.shape[1] - 1
+    n = cloud.shape[1]
     for b in range(genes.shape[0]):
         values[:, b] = np.nan
-        values[3, b] = 0.0
-        refusal[b] = build_system(genes[b], n_maps[b], reading, by_hand[b], system)
+        values[_FITNESS, b] = 0.0
+        descriptors[b] = np.nan
+        refusal[b] = build_system(genes[b], n_maps[b], task.reading, by_hand[b], system)
         if refusal[b] != _NONE:
             continue
-        first, second = stream_keys(system.keys, _FITNESS)
+        first, second = stream_keys(system.keys, task.stream)
         iterate(system.maps, system.thresholds, n_maps[b], system.start, first, second, cloud)
-        if not np.isfinite(cloud[0, last] + cloud[1, last] + cloud[2, last]):  # once infinite, an orbit stays so
+        if not np.isfinite(cloud[0, n - 1] + cloud[1, n - 1] + cloud[2, n - 1]):  # once infinite, an orbit stays so
             refusal[b] = _NOT_FINITE
             continue
         d0, d2, d0_error, d2_error = measure(cloud, work.measures)
-        if reading.affine:
-            lle = tangent_growth(system, n_maps[b], work.tangent)
+        if task.reading.affine:
+            lle = tangent_growth(system, n_maps[b], first, second, work.tangent)
         else:
             lle = similarity_exponent(system, n_maps[b])
-        values[0, b] = d0
-        values[1, b] = d2
-        values[2, b] = lle
-        values[3, b] = fitness(d0, d2, lle, formula)
-        values[4, b] = d0_error
-        values[5, b] = d2_error
+        values[_D0, b] = d0
+        values[_D2, b] = d2
+        values[_LLE, b] = lle
+        values[_FITNESS, b] = fitness(d0, d2, lle, task.formula)
+        values[_D0_ERROR, b] = d0_error
+        values[_D2_ERROR, b] = d2_error
+        if values[_FITNESS, b] >= task.described_from:
+            descriptors[b] = np.float32(0.0)
+            if work.measures.counts.any():  # not so if the cloud is a single point
+                measures = work.measures
+                describe(measures.pairs.points, n, measures.frame.variances, work.descriptor, descriptors[b])
 
 
-def _named(values: FloatArray, refusal: npt.NDArray[np.uint8]) -> Evaluation:
-    """An `Evaluation` from its (6, B) columns."""
-    d0, d2, lle, scores, d0_error, d2_error = values
-    return Evaluation(d0, d2, lle, scores, d0_error, d2_error, refusal)
+def _unscored(count: int) -> Evaluation:
+    """Room for the scores of so many genomes, all nan."""
+
+    def column() -> FloatArray:
+        return np.full(count, np.nan)
+
+    def table() -> npt.NDArray[np.float32]:
+        return np.full((count, LENGTH), np.nan, np.float32)
+
+    return Evaluation(
+        column(),
+        column(),
+        column(),
+        column(),
+        table(),
+        column(),
+        column(),
+        column(),
+        column(),
+        table(),
+        np.zeros(count, np.uint8),
+    )
+
+
+def _mean(parts: list[Evaluation]) -> Evaluation:
+    """Means over independent clouds, and their standard errors."""
+    result = _unscored(len(parts[0].d0))
+    for name in ("d0", "d2", "lle", "fitness", "descriptor"):
+        samples = np.array([getattr(part, name) for part in parts], np.float64)
+        offsets = samples - samples[0]  # what does not vary comes out to the last bit
+        getattr(result, name)[:] = samples[0] + offsets.mean(axis=0)
+        getattr(result, f"{name}_error")[:] = offsets.std(axis=0, ddof=1) / np.sqrt(len(parts))
+    result.refusal[:] = np.max([part.refusal for part in parts], axis=0)
+    return result
 
 
 def _as_typed(value: Genome | npt.ArrayLike, name: str) -> Genome:

@@ -20,12 +20,11 @@ import numpy.typing as npt
 
 from fractal_farm.ifs.genome import MAX_MAPS, RHO, Genome, as_genome
 from fractal_farm.ifs.kernel import kernel
-from fractal_farm.ifs.random_iteration import PURPOSES, iterate, stream_keys, system_of
+from fractal_farm.ifs.random_iteration import iterate, stream_keys, stream_number, system_of
 
 STEPS = 5000
 _SETTLING = 64  # steps in which the tangent vector finds its direction
 _SMALL = 1e-100
-FITNESS = PURPOSES["fitness"]
 
 
 class TangentWorkspace(NamedTuple):
@@ -66,7 +65,8 @@ def lyapunov_exponent(genome: Genome | npt.ArrayLike) -> float:
     system = system_of(valid)
     if valid.phenotype.family == "similarity":
         return float(similarity_exponent(system, valid.n_maps))
-    return float(tangent_growth(system, valid.n_maps, new_tangent_workspace()))
+    first, second = stream_keys(system.keys, stream_number("fitness"))
+    return float(tangent_growth(system, valid.n_maps, first, second, new_tangent_workspace()))
 
 
 @kernel
@@ -79,10 +79,17 @@ def similarity_exponent(system, n_maps):
 
 
 @kernel
-def tangent_growth(system, n_maps, work):
-    """Growth rate of a tangent vector along the orbit of any filled `System`; work is a `TangentWorkspace`."""
+def tangent_growth(system, n_maps, first, second, work):
+    """Growth rate of a tangent vector along the orbit of any filled `System`.
+
+    Args:
+        system: `System`.
+        n_maps: number of maps.
+        first: uint32 key of the orbit's random stream.
+        second: uint32 key.
+        work: `TangentWorkspace`.
+    """
     drawn, log_sizes = work.drawn, work.log_sizes
-    first, second = stream_keys(system.keys, FITNESS)
     iterate(work.constants, system.thresholds, n_maps, system.start, first, second, drawn)
     expected = 0.0
     for i in range(n_maps):

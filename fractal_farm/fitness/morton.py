@@ -72,6 +72,14 @@ def sort_by_key(frame, n, cube, work):
 
 
 @kernel
+def gather(frame, keys, n, points):
+    """The first n points of a frame (3, m) in the order of sorted keys, into points (3, k) float32, k >= n."""
+    for axis in range(3):
+        for i in range(n):
+            points[axis, i] = frame[axis, np.uint32(keys[i])]
+
+
+@kernel
 def _scatter(source, n, p, histogram, target):
     """One pass of the radix sort: stable, by digit p, to the places that the histogram's running sums give."""
     for i in range(n):

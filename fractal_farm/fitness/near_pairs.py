@@ -62,20 +62,29 @@ def fill_boxes(points, n, n_blocks, group_boxes, block_boxes):
 
 
 @kernel
-def list_near(first_group, n_groups, boxes, rows, whole_groups, whole_blocks, totals):
-    """List the later groups that must be evaluated against the columns of first_group; returns how many."""
+def list_near(columns, first_block, n_blocks, boxes, rows, n_rows, whole_groups, whole_blocks, totals):
+    """List the groups of the blocks from first_block on that must be evaluated against a set of columns.
+
+    Args:
+        columns: box of the columns, from `span`.
+        first_block: number of the first block to be looked at.
+        n_blocks: number of blocks.
+        boxes: pointer to group boxes, their stride, pointer to block boxes, their stride.
+        rows: pointer to int32; numbers of groups are written from n_rows on.
+        n_rows: how many are listed already.
+        whole_groups: counter of groups that lie in one bin.
+        whole_blocks: counter of blocks that lie in one bin.
+        totals: (32,) int64, where full counters go.
+
+    Returns:
+        How many are listed now.
+    """
     group_boxes, group_stride, block_boxes, block_stride = boxes
-    n_rows = 0
-    if first_group % LANES == 0:  # the other half of the own block is near
-        for k in range(COLUMN_GROUPS):
-            rows[k] = first_group + COLUMN_GROUPS + k
-        n_rows = COLUMN_GROUPS
-    columns = _span(group_boxes, group_stride, first_group)
-    for first_block in range(first_group // LANES + 1, n_groups // LANES, LANES):
-        blocks, bins = _undecided(columns, block_boxes, block_stride, first_block)
+    for some_blocks in range(first_block, n_blocks, LANES):
+        blocks, bins = _undecided(columns, block_boxes, block_stride, some_blocks)
         count(whole_blocks, bins, BLOCK * COLUMNS, totals)
         while blocks != 0:
-            group = (first_block + trailing_zeros(blocks)) * LANES
+            group = (some_blocks + trailing_zeros(blocks)) * LANES
             blocks &= blocks - np.uint32(1)
             groups, bins = _undecided(columns, group_boxes, group_stride, group)
             count(whole_groups, bins, GROUP * COLUMNS, totals)
@@ -84,6 +93,15 @@ def list_near(first_group, n_groups, boxes, rows, whole_groups, whole_blocks, to
                 groups &= groups - np.uint32(1)
                 n_rows += 1
     return n_rows
+
+
+@kernel(forceinline=True)
+def span(boxes, stride, first):
+    """The box of the eight groups that make a set of columns, as six float32."""
+    x_low, x_high = _range(boxes, first, first + stride)
+    y_low, y_high = _range(boxes, first + 2 * stride, first + 3 * stride)
+    z_low, z_high = _range(boxes, first + 4 * stride, first + 5 * stride)
+    return x_low, x_high, y_low, y_high, z_low, z_high
 
 
 @kernel(forceinline=True)
@@ -128,15 +146,6 @@ def _gap(low, high, lows, highs):
 def _reach(low, high, lows, highs):
     """Largest distance between a point of the interval [low, high] and one of sixteen others."""
     return maximum(subtract(highs, splat(low)), subtract(splat(high), lows))
-
-
-@kernel(forceinline=True)
-def _span(boxes, stride, first):
-    """The box of the eight groups that make a block of columns, as six float32."""
-    x_low, x_high = _range(boxes, first, first + stride)
-    y_low, y_high = _range(boxes, first + 2 * stride, first + 3 * stride)
-    z_low, z_high = _range(boxes, first + 4 * stride, first + 5 * stride)
-    return x_low, x_high, y_low, y_high, z_low, z_high
 
 
 @kernel(forceinline=True)

@@ -16,11 +16,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.fitness.simd import LANES, add_bit, add_bytes, load_words, no_bits, store_words
+from fractal_farm.fitness.simd import EXPONENT_BIAS, LANES, add_bit, add_bytes, load_words, no_bits, store_words
 from fractal_farm.ifs.kernel import kernel
 
 N_BINS = 16  # octaves of squared distance that are told apart
-NEAREST = 106  # float32 exponent of 2^-21 <= d^2 < 2^-20: bin 0, with all that is nearer
+NEAREST = EXPONENT_BIAS - 21  # float32 exponent of 2^-21 <= d^2 < 2^-20: bin 0, with all that is nearer
 BEYOND = NEAREST + N_BINS - 1  # that of d^2 >= 2^-6: bin 15, with all that is farther
 
 BINS = 32

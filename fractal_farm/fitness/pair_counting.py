@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.fitness.near_pairs import BLOCK, COLUMN_GROUPS, COLUMNS, GROUP, fill_boxes, list_near
+from fractal_farm.fitness.near_pairs import BLOCK, COLUMN_GROUPS, COLUMNS, GROUP, fill_boxes, list_near, span
 from fractal_farm.fitness.octave_counter import (
     BINS,
     CAPACITY,
@@ -108,41 +108,31 @@ def count_pairs(work, n, prune, counts):
     fill_boxes(work.points, n, n_blocks, work.group_boxes, work.block_boxes)
     work.own_totals[:] = 0
     work.totals[:] = 0
-    points = pointer(work.points)
-    padded = np.int64(work.points.shape[1])
-    boxes = (
-        pointer(work.group_boxes),
-        np.int64(work.group_boxes.shape[1]),
-        pointer(work.block_boxes),
-        np.int64(work.block_boxes.shape[1]),
-    )
-    rows = pointer(work.rows)
-    own = pointer(work.own)
-    others = pointer(work.others)
-    whole_groups = pointer(work.whole_groups)
-    whole_blocks = pointer(work.whole_blocks)
-    own_totals = pointer(work.own_totals)
-    totals = pointer(work.totals)
+    points = (pointer(work.points), np.int64(work.points.shape[1]))
+    boxes = box_pointers(work)
+    rows, totals = pointer(work.rows), pointer(work.totals)
+    others, whole_groups, whole_blocks = pointer(work.others), pointer(work.whole_groups), pointer(work.whole_blocks)
+    own, own_totals = pointer(work.own), pointer(work.own_totals)
     n_own = np.int64(COLUMN_GROUPS)
     for first_group in range(0, n_groups, COLUMN_GROUPS):
         column = first_group * GROUP
         for k in range(COLUMN_GROUPS):
             rows[k] = first_group + k
-        _evaluate(points, padded, column, rows, n_own, own, own_totals)
+        evaluate_groups(points, column, points, rows, n_own, own, own_totals)
+        first_block = first_group // LANES + 1
+        n_rows = 0
+        for group in range(first_group + COLUMN_GROUPS, n_groups if not prune else first_block * LANES):
+            rows[n_rows] = group
+            n_rows += 1
         if prune:
-            n_rows = list_near(first_group, n_groups, boxes, rows, whole_groups, whole_blocks, totals)
-        else:
-            n_rows = n_groups - first_group - COLUMN_GROUPS
-            for k in range(n_rows):
-                rows[k] = first_group + COLUMN_GROUPS + k
+            columns = span(boxes[0], boxes[1], first_group)
+            n_rows = list_near(columns, first_block, n_blocks, boxes, rows, n_rows, whole_groups, whole_blocks, totals)
         if n_rows % 2 == 1:
             rows[n_rows] = n_groups
             n_rows += 1
-        _evaluate(points, padded, column, rows, n_rows, others, totals)
+        evaluate_groups(points, column, points, rows, n_rows, others, totals)
+    empty_all(others, whole_groups, whole_blocks, totals)
     empty(own, np.int64(LANES), own_totals)
-    empty(others, np.int64(LANES), totals)
-    empty(whole_groups, np.int64(GROUP * COLUMNS), totals)
-    empty(whole_blocks, np.int64(BLOCK * COLUMNS), totals)
     own_totals[NEAREST % BINS] -= n
     rest = n * (n - 1) // 2
     for k in range(N_BINS - 1):
@@ -152,9 +142,38 @@ def count_pairs(work, n, prune, counts):
     counts[N_BINS - 1] = rest
 
 
+@kernel(forceinline=True)
+def box_pointers(work):
+    """The boxes of a `PairWorkspace` as `near_pairs` takes them."""
+    return (
+        pointer(work.group_boxes),
+        np.int64(work.group_boxes.shape[1]),
+        pointer(work.block_boxes),
+        np.int64(work.block_boxes.shape[1]),
+    )
+
+
 @kernel
-def _evaluate(points, padded, column, rows, n_rows, counter, totals):
-    """Count the pairs of 32 columns with the groups listed in rows (an even number)."""
+def empty_all(others, whole_groups, whole_blocks, totals):
+    """Move what the three counters hold to the totals."""
+    empty(others, np.int64(LANES), totals)
+    empty(whole_groups, np.int64(GROUP * COLUMNS), totals)
+    empty(whole_blocks, np.int64(BLOCK * COLUMNS), totals)
+
+
+@kernel
+def evaluate_groups(columns, column, points, rows, n_rows, counter, totals):
+    """Count the pairs of 32 columns with the groups listed in rows (an even number).
+
+    Args:
+        columns: pointer to (3, stride) float32 coordinates, and the stride.
+        column: number of the first of the 32.
+        points: pointer and stride of the points that the groups are made of.
+        rows: pointer to int32 numbers of groups.
+        n_rows: int64, how many.
+        counter: pointer to a counter.
+        totals: pointer to (32,) int64, where a full counter goes.
+    """
     ones = load_words(counter, 0)
     twos = load_words(counter, 1 * LANES)
     fours = load_words(counter, 2 * LANES)
@@ -176,8 +195,8 @@ def _evaluate(points, padded, column, rows, n_rows, counter, totals):
         s6 = load_words(counter, SUMS + 6 * LANES)
         s7 = load_words(counter, SUMS + 7 * LANES)
         for i in range(start, stop, 2):
-            ones, twos, fours, eight0 = _add_group(points, padded, column, rows[i], ones, twos, fours)
-            ones, twos, fours, eight1 = _add_group(points, padded, column, rows[i + 1], ones, twos, fours)
+            ones, twos, fours, eight0 = _add_group(columns, column, points, rows[i], ones, twos, fours)
+            ones, twos, fours, eight1 = _add_group(columns, column, points, rows[i + 1], ones, twos, fours)
             eights, sixteen = full_adder(eights, eight0, eight1)
             s0 = add_bit(s0, sixteen, 0)
             s1 = add_bit(s1, sixteen, 1)
@@ -204,36 +223,38 @@ def _evaluate(points, padded, column, rows, n_rows, counter, totals):
 
 
 @kernel(forceinline=True)
-def _add_group(points, padded, column, group, ones, twos, fours):
+def _add_group(columns, column, points, group, ones, twos, fours):
     """Count four rows against 32 columns: the new digits, and a carry worth eight."""
     row = np.int64(group) * GROUP
-    ones, two0 = _add_row(points, padded, column, row, ones)
-    ones, two1 = _add_row(points, padded, column, row + 1, ones)
+    ones, two0 = _add_row(columns, column, points, row, ones)
+    ones, two1 = _add_row(columns, column, points, row + 1, ones)
     twos, four0 = full_adder(twos, two0, two1)
-    ones, two0 = _add_row(points, padded, column, row + 2, ones)
-    ones, two1 = _add_row(points, padded, column, row + 3, ones)
+    ones, two0 = _add_row(columns, column, points, row + 2, ones)
+    ones, two1 = _add_row(columns, column, points, row + 3, ones)
     twos, four1 = full_adder(twos, two0, two1)
     fours, eight = full_adder(fours, four0, four1)
     return ones, twos, fours, eight
 
 
 @kernel(forceinline=True)
-def _add_row(points, padded, column, row, ones):
+def _add_row(columns, column, points, row, ones):
     """Count one row against 32 columns: the new ones, and a carry worth two."""
-    x = splat(points[row])
-    y = splat(points[padded + row])
-    z = splat(points[2 * padded + row])
-    left = _bins(points, padded, column, x, y, z)
-    right = _bins(points, padded, column + LANES, x, y, z)
+    coordinates, stride = points
+    x = splat(coordinates[row])
+    y = splat(coordinates[stride + row])
+    z = splat(coordinates[2 * stride + row])
+    left = _bins(columns, column, x, y, z)
+    right = _bins(columns, column + LANES, x, y, z)
     return full_adder(ones, left, right)
 
 
 @kernel(forceinline=True)
-def _bins(points, padded, column, x, y, z):
+def _bins(columns, column, x, y, z):
     """The bins of sixteen columns against one row, as words."""
+    coordinates, stride = columns
     squared_distance = squared_length(
-        subtract(load_floats(points, column), x),
-        subtract(load_floats(points, padded + column), y),
-        subtract(load_floats(points, 2 * padded + column), z),
+        subtract(load_floats(coordinates, column), x),
+        subtract(load_floats(coordinates, stride + column), y),
+        subtract(load_floats(coordinates, 2 * stride + column), z),
     )
     return one_hot(octave(squared_distance, NEAREST))

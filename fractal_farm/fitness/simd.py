@@ -18,6 +18,8 @@ from numba.core.registry import cpu_target
 from numba.extending import intrinsic, models, register_model
 
 LANES = 16
+FRACTION_BITS = 23  # of a float32
+EXPONENT_BIAS = 127
 
 _I1 = ir.IntType(1)
 _I32 = ir.IntType(32)
@@ -166,7 +168,7 @@ def squared_length(builder: Any, x: Any, y: Any, z: Any) -> Any:
 @_operation(Words, Floats, types.int32)
 def octave(builder: Any, value: Any, lowest: Any) -> Any:
     """Biased binary exponent of non-negative lanes, floor(log2(value)) + 127, but at least `lowest`."""
-    exponent = builder.lshr(builder.bitcast(value, _WORDS), _constant(23))
+    exponent = builder.lshr(builder.bitcast(value, _WORDS), _constant(FRACTION_BITS))
     floor = _splat(builder, lowest, _WORDS)
     return builder.select(builder.icmp_unsigned(">", exponent, floor), exponent, floor)
 

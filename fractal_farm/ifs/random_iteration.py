@@ -38,14 +38,25 @@ def attractor_points(
     """
     if n < 1:
         raise InputError(f"n is {n}; ask for at least 1 point")
-    if purpose not in PURPOSES:
-        raise InputError(f"purpose is {purpose!r}; choose one of {', '.join(PURPOSES)}")
     valid = as_genome(genome)
     system = system_of(valid)
     points = np.empty((3, n))
-    first, second = stream_keys(system.keys, PURPOSES[purpose] + len(PURPOSES) * repeat)
+    first, second = stream_keys(system.keys, stream_number(purpose, repeat))
     iterate(system.maps, system.thresholds, valid.n_maps, system.start, first, second, points)
     return np.ascontiguousarray(points.T)
+
+
+def stream_number(purpose: str, repeat: int = 0) -> int:
+    """Number of a genome's random stream for one purpose and repetition, as `stream_keys` takes it.
+
+    Raises:
+        InputError: the purpose is unknown, or repeat below 0.
+    """
+    if purpose not in PURPOSES:
+        raise InputError(f"purpose is {purpose!r}; choose one of {', '.join(PURPOSES)}")
+    if repeat < 0:
+        raise InputError(f"repeat is {repeat}; it must be 0 or above")
+    return PURPOSES[purpose] + len(PURPOSES) * repeat
 
 
 def system_of(genome: Genome) -> System:
@@ -57,10 +68,10 @@ def system_of(genome: Genome) -> System:
 
 
 @kernel
-def stream_keys(keys, purpose):  # type: ignore[no-untyped-def]
-    """The two 32-bit keys of a genome's stream for one purpose (a non-negative integer)."""
-    first = scramble(keys[0] ^ np.uint32(purpose))
-    second = scramble(keys[1] + np.uint32(purpose))
+def stream_keys(keys, stream):  # type: ignore[no-untyped-def]
+    """The two 32-bit keys of one of a genome's streams, from its number."""
+    first = scramble(keys[0] ^ np.uint32(stream))
+    second = scramble(keys[1] + np.uint32(stream))
     return first, second
 
 

@@ -93,22 +93,28 @@ def test_chao_finds_the_boxes_that_uniform_sampling_has_missed():
     assert np.mean(estimates) == pytest.approx(1000, rel=0.01)
 
 
-@given(st.integers(3, 15), st.integers(0, 2**32 - 1))
-def test_the_line_and_its_standard_error_are_those_of_least_squares(n, seed):
+@given(st.integers(3, 15), st.integers(0, 2**32 - 1), st.booleans())
+def test_the_line_and_its_standard_error_are_those_of_least_squares(n, seed, weighted):
     generator = np.random.default_rng(seed)
     x, y = generator.normal(size=(2, n))
-    padded_x, padded_y = np.full((2, 20), 1e9)
-    padded_x[:n], padded_y[:n] = x, y
-    slope, error = fit_slope(padded_x, padded_y, n)
-    truth = stats.linregress(x, y)
-    assert slope == pytest.approx(truth.slope, rel=1e-9, abs=1e-12)
-    assert error == pytest.approx(truth.stderr, rel=1e-6, abs=1e-12)
+    weights = generator.uniform(0.1, 3, n) if weighted else np.ones(n)
+    padded_x, padded_y, padded_weights = np.full((3, 20), 1e9)
+    padded_x[:n], padded_y[:n], padded_weights[:n] = x, y, weights
+    slope, error = fit_slope(padded_x, padded_y, padded_weights, n)
+    if weighted:
+        line, covariance = np.polyfit(x, y, 1, w=np.sqrt(weights), cov=True)
+        expected, deviation = line[0], np.sqrt(covariance[0, 0])
+    else:
+        truth = stats.linregress(x, y)
+        expected, deviation = truth.slope, truth.stderr
+    assert slope == pytest.approx(expected, rel=1e-8, abs=1e-11)
+    assert error == pytest.approx(deviation, rel=1e-6, abs=1e-11)
 
 
 def test_a_line_through_too_few_points_has_slope_zero_or_no_error():
-    x, y = np.array([1.0, 2.0, 2.0]), np.array([5.0, 7.0, 9.0])
+    x, y, weights = np.array([1.0, 2.0, 2.0]), np.array([5.0, 7.0, 9.0]), np.ones(3)
     for n in (0, 1):
-        assert fit_slope(x, y, n)[0] == 0.0
-    assert fit_slope(x, y, 2)[0] == 2.0
-    assert np.isnan(fit_slope(x, y, 2)[1])
-    assert fit_slope(x[1:], y[1:], 2)[0] == 0.0
+        assert fit_slope(x, y, weights, n)[0] == 0.0
+    assert fit_slope(x, y, weights, 2)[0] == 2.0
+    assert np.isnan(fit_slope(x, y, weights, 2)[1])
+    assert fit_slope(x[1:], y[1:], weights, 2)[0] == 0.0

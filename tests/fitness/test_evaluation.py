@@ -14,6 +14,7 @@ from fractal_farm.fitness import (
     evaluate,
     evaluate_batch,
     lyapunov_exponent,
+    shape_descriptor,
 )
 from fractal_farm.fitness.evaluation import _evaluate_genomes
 from fractal_farm.ifs.genome import Genome, Phenotype
@@ -70,6 +71,7 @@ def test_scores_are_those_of_the_single_functions(n_points):
         assert evaluation.d0[i] == capacity_dimension(points)
         assert evaluation.d2[i] == correlation_dimension(points)
         assert evaluation.lle[i] == lyapunov_exponent(genome)
+        assert np.array_equal(evaluation.descriptor[i], shape_descriptor(points))
         distance = sum(
             (value - centre) ** 2 / (2 * width**2)
             for value, (centre, width) in (
@@ -82,6 +84,56 @@ def test_scores_are_those_of_the_single_functions(n_points):
         assert evaluation.fitness[i] == pytest.approx(expected, abs=1e-12)
     assert np.all(evaluation.d0_error > 0)
     assert np.all(evaluation.d2_error > 0)
+
+
+def test_repeats_give_means_over_independent_clouds_and_their_standard_errors():
+    genomes = [*random_genomes(6, seed=3), Genome(resolved_maps(TABLE1["06582"]).reshape(-1, 12), AFFINE)]
+    repeats = 8
+    evaluation = evaluate(genomes, 1000, repeats=repeats)
+    for i, genome in enumerate(genomes):
+        clouds = [attractor_points(genome, 1000)]
+        clouds += [attractor_points(genome, 1000, "repeat", k) for k in range(1, repeats)]
+        for name, function in (("d0", capacity_dimension), ("d2", correlation_dimension)):
+            samples = [function(points) for points in clouds]
+            assert getattr(evaluation, name)[i] == pytest.approx(np.mean(samples))
+            error = np.std(samples, ddof=1) / np.sqrt(repeats)
+            assert getattr(evaluation, f"{name}_error")[i] == pytest.approx(error)
+        descriptors = [shape_descriptor(points) for points in clouds]
+        assert np.allclose(evaluation.descriptor[i], np.mean(descriptors, axis=0), atol=1e-6)
+        errors = np.std(descriptors, axis=0, ddof=1) / np.sqrt(repeats)
+        assert np.allclose(evaluation.descriptor_error[i], errors, atol=1e-6)
+        assert 0 < evaluation.fitness_error[i] < 0.05
+    assert np.all(evaluation.lle_error[:-1] == 0)
+    assert evaluation.lle_error[-1] < 1e-12  # similarities written as affine maps
+
+
+def test_one_cloud_has_no_error_but_that_of_its_slopes():
+    evaluation = evaluate([*random_genomes(3), Genome(np.full((2, 12), 0.1), AFFINE)])
+    assert np.all(np.isnan(evaluation.fitness_error))
+    assert np.all(np.isnan(evaluation.descriptor_error))
+    assert evaluation.lle_error.tolist()[:3] == [0, 0, 0]
+    assert np.isnan(evaluation.lle_error[3])
+    with pytest.raises(InputError, match="repeats is 0"):
+        evaluate(random_genomes(1), repeats=0)
+
+
+def test_standard_errors_shrink_with_the_root_of_the_repeats():
+    genomes = random_genomes(20, seed=6)
+    few, many = evaluate(genomes, 1000, repeats=6), evaluate(genomes, 1000, repeats=54)
+    varies = few.fitness_error > 0  # those below the clip do not
+    assert np.median(few.fitness_error[varies] / many.fitness_error[varies]) == pytest.approx(3, rel=0.35)
+    assert np.all(np.abs(few.fitness - many.fitness) <= 6 * np.hypot(few.fitness_error, many.fitness_error))
+
+
+def test_only_designs_of_the_fitness_asked_for_are_described():
+    genes, n_maps = padded(random_genomes(40, seed=8))
+    everything = evaluate_batch(genes, n_maps, SIMILARITY, 1000, FitnessFormula())
+    some = evaluate_batch(genes, n_maps, SIMILARITY, 1000, FitnessFormula(), described_from=0.7)
+    described = everything.fitness >= 0.7
+    assert 0 < described.sum() < 40
+    assert np.array_equal(some.descriptor[described], everything.descriptor[described])
+    assert np.all(np.isnan(some.descriptor[~described]))
+    assert np.array_equal(table(some), table(everything))
 
 
 def test_a_score_does_not_depend_on_the_batch_or_the_order_of_the_maps():
@@ -117,6 +169,7 @@ def test_refused_genomes_have_no_scores_and_do_not_disturb_the_others():
     refused = table(evaluation)[1:-1]
     assert np.all(refused[:, 3] == 0)
     assert np.all(np.isnan(np.delete(refused, 3, axis=1)))
+    assert np.all(np.isnan(evaluation.descriptor[1:-1]))
     assert np.array_equal(table(evaluation)[0], table(evaluation)[-1])
     assert np.all(np.isfinite(table(evaluation)[0]))
 
@@ -165,6 +218,7 @@ def test_all_maps_with_one_fixed_point_make_a_single_point_of_dimension_zero():
     genome = [[0.1, 0.2, 0.3, 0.5, 0, 0, 0], [0.3, 0.2, 0.1, 0.6, 0, 0, 0]]
     evaluation = evaluate([genome])
     assert (evaluation.d0[0], evaluation.d2[0], evaluation.refusal[0]) == (0.0, 0.0, 0)
+    assert np.all(evaluation.descriptor == 0)
     assert evaluation.lle[0] == pytest.approx(lyapunov_exponent(genome))
 
 

@@ -10,7 +10,7 @@ from fractal_farm.fitness import lyapunov_exponent
 from fractal_farm.fitness.lyapunov import new_tangent_workspace, tangent_growth
 from fractal_farm.ifs.genome import Genome, Phenotype
 from fractal_farm.ifs.maps import resolved_maps, selection_probabilities
-from fractal_farm.ifs.random_iteration import attractor_points, system_of
+from fractal_farm.ifs.random_iteration import attractor_points, stream_keys, stream_number, system_of
 from tests.table1 import TABLE1
 
 AFFINE = Phenotype(family="affine")
@@ -41,7 +41,7 @@ def test_the_exponent_uses_probabilities_set_by_hand():
 @pytest.mark.parametrize("name", TABLE1)
 def test_tangent_growth_along_the_orbit_of_similarities_is_the_closed_form(name):
     system = system_of(Genome(np.array(TABLE1[name])))
-    growth = tangent_growth(system, len(TABLE1[name]), new_tangent_workspace())
+    growth = tangent_growth(system, len(TABLE1[name]), np.uint32(1), np.uint32(2), new_tangent_workspace())
     assert growth == pytest.approx(closed_form(TABLE1[name]), abs=1e-12)
 
 
@@ -72,7 +72,9 @@ def test_the_exponent_of_affine_maps_is_the_growth_rate_of_a_long_matrix_product
 def test_the_tangent_vector_follows_the_maps_that_the_orbit_drew():
     genome = affine(np.diag([0.9, 0.1, 0.1]), np.diag([0.3, 0.1, 0.1]))
     work = new_tangent_workspace()
-    tangent_growth(system_of(genome), 2, work)
+    system = system_of(genome)
+    first, second = stream_keys(system.keys, stream_number("fitness"))
+    tangent_growth(system, 2, first, second, work)
     n = work.drawn.shape[1]
     points = attractor_points(genome, n)
     canonical = sorted(range(2), key=lambda i: genome.genes[i].tolist())
