@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from fractal_farm import __version__
-from fractal_farm.cli import catalogue_commands, design_commands, doctor, run_commands
+from fractal_farm.cli import catalogue_commands, design_commands, doctor, run_commands, status
 from fractal_farm.errors import FarmError, InputError
 
 app = typer.Typer(
@@ -28,7 +28,8 @@ app = typer.Typer(
 )
 app.command("submit")(run_commands.submit)
 app.command("resume")(run_commands.resume)
-app.command("status")(run_commands.status)
+app.command("status")(status.status)
+app.command("report")(status.report)
 app.command("list")(catalogue_commands.list_designs)
 app.command("show")(catalogue_commands.show)
 app.command("score")(design_commands.score)

@@ -70,11 +70,11 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: st
 
 
 def print_facts(facts: Mapping[str, Any]) -> None:
-    """Names and values, a line each; what is None is left out."""
+    """Names and values, a line each, further lines of a value below its first; what is None is left out."""
     width = max(map(len, facts), default=0)
     for name, value in facts.items():
         if value is not None:
-            typer.echo(f"{name:<{width}}  {text(value)}")
+            typer.echo(f"{name:<{width}}  " + text(value).replace("\n", "\n" + " " * (width + 2)))
 
 
 def text(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""`farm submit`, `farm resume` and `farm status`: runs."""
+"""`farm submit` and `farm resume`: runs."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import contextlib
 import enum
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
-from fractal_farm.cli.output import AsJson, byte_count, duration, print_facts, print_json, results_only_on_stdout, say
+from fractal_farm.cli.output import AsJson, duration, print_facts, print_json, results_only_on_stdout, say
 
 if TYPE_CHECKING:
     from fractal_farm.farm import RunSummary
@@ -94,17 +94,6 @@ def resume(
     return _report(summary, as_json)
 
 
-def status(directory: DirectoryArgument, as_json: AsJson = False) -> None:
-    """What a catalogue holds, and its content digest."""
-    from fractal_farm import farm
-
-    facts = farm.status(directory)
-    if as_json:
-        print_json(facts)
-    else:
-        print_facts(_status_facts(facts))
-
-
 def _name(executor: ExecutorName | None) -> str | None:
     return executor.value if executor else None
 
@@ -140,33 +129,3 @@ def _report(summary: RunSummary, as_json: bool) -> int:
         }
     )
     return summary.exit_code
-
-
-def _status_facts(facts: dict[str, Any]) -> dict[str, Any]:
-    """A run's state as a person reads it."""
-    reason = f", {facts['reason']}" if facts["reason"] not in (None, facts["state"]) else ""
-    counts = ", ".join(f"{number:,} of {maps} maps" for maps, number in sorted(facts["n_maps"].items()))
-    failed = f", {facts['mesh_failures']} failed" if facts["mesh_failures"] else ""
-    return {
-        "run": f"{facts['name']} ({facts['run_id']}): {facts['state']}{reason}",
-        "designs": f"{facts['designs']:,}" + (f": {counts}" if counts else ""),
-        "qualified": f"{facts['kept_qualified']:,} kept, of {facts['qualified']:,} found",
-        "printable": f"{facts['printable']:,} in one piece at the run's wall",
-        "evaluated": f"{facts['evaluated']:,} in {facts['epochs']:,} epochs and {duration(facts['elapsed_s'])} "
-        f"({facts['rate']:,.0f}/s)",
-        "best fitness": f"{facts['best_fitness']:.4f}",
-        "meshes": f"{facts['meshes']:,}{failed}",
-        "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files",
-        "forecast": _forecast(facts["forecast"]),
-        "digest": facts["digest"],
-    }
-
-
-def _forecast(forecast: dict[str, float] | None) -> str | None:
-    """What ten hours at the present rate would take, once the rate has settled."""
-    if forecast is None:
-        return None
-    return (
-        f"after {forecast['hours']:g} hours {forecast['gigabytes']:.1f} GB in {forecast['files']:,.0f} files, "
-        f"{forecast['rows']:,.0f} designs"
-    )

@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from fractal_farm.catalogue import Catalogue, read_run, run_ends, run_ids
 from fractal_farm.catalogue.layout import PartName
 from fractal_farm.catalogue.parts import list_parts, read_footer, read_rows
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.evolution.island import GenerationStatistics
@@ -27,6 +29,10 @@ from fractal_farm.farm.events import Progress
 from fractal_farm.farm.records import read_summary
 
 STATISTICS = ("island", "epoch", "generation", "evaluated", "refused", "accepted", "qualified", "mean_accepted", "best")
+
+
+# Seconds worked, and the fields of `Progress`, at some time of the run.
+Sample = tuple[float, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -97,8 +103,27 @@ class RunHistory:
 
     def rows(self) -> Any:
         """All rows committed, duplicates included, as one table."""
-        empty = pa.table({name: [] for name in self._columns}) if not self.commits else self.commits[0].rows.slice(0, 0)
+        empty = pa.schema([DESIGN_SCHEMA.field(name) for name in self._columns]).empty_table()
         return pa.concat_tables([empty, *(commit.rows for commit in self.commits)]).combine_chunks()
+
+    def end(self) -> dict[str, Any] | None:
+        """How the run ended; None if it never did, or went on since then."""
+        epochs = self.commits[-1].progress.epochs if self.commits else 0
+        return self.ends[-1] if self.ends and self.ends[-1]["progress"]["epochs"] == epochs else None
+
+    def samples(self) -> list[Sample]:
+        """Moments of the run in order: commits, and complete epochs of the log, committed or not."""
+        samples = [(commit.elapsed_s, asdict(commit.progress)) for commit in self.commits]
+        for entry in self.log:
+            if entry["event"] == "EpochCompleted":
+                samples.append((entry["elapsed_s"], entry["progress"]))
+        samples.sort(key=lambda sample: (sample[1]["epochs"], sample[0]))
+        # An epoch that was lost before its commit, and done again by a later session, would turn the clock back.
+        ordered: list[Sample] = []
+        for sample in samples:
+            if not ordered or sample[0] >= ordered[-1][0]:
+                ordered.append(sample)
+        return ordered
 
     def _read_documents(self) -> None:
         try:
@@ -144,6 +169,13 @@ class RunHistory:
                 continue
             if isinstance(entry, dict) and {"at", "event"} <= set(entry):
                 self.log.append(entry)
+
+
+def standing_designs(rows: Any) -> Any:
+    """The designs among rows of a manifest, each once, without order."""
+    rows = rows.filter(pc.equal(rows.column("kind"), "design"))
+    ids = np.array(rows.column("design_id").to_pylist(), "S32")
+    return rows.take(pa.array(np.unique(ids, return_index=True)[1]))
 
 
 def only_run(path: Path) -> str:

@@ -1,23 +1,32 @@
-"""What a run has done and what it will take, from the catalogue alone: also of a live run, or a dead one."""
+"""What a run has done, what it is doing and what it will take, from its files alone: also of a live run, or a dead one.
+
+`status` is one look; `RunMonitor` looks again and again, and reads only what is new. A damaged catalogue is described
+as far as it can be read, with what is damaged.
+"""
 
 from __future__ import annotations
 
+import shutil
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pyarrow.compute as pc
 
-from fractal_farm.catalogue import Catalogue, committed_records
-from fractal_farm.config import RunConfig
-from fractal_farm.evolution.island import founding_state
-from fractal_farm.farm.event_log import read_log
+from fractal_farm.catalogue import Catalogue, run_is_live
+from fractal_farm.errors import FarmError
 from fractal_farm.farm.events import Progress
-from fractal_farm.farm.history import only_run
-from fractal_farm.farm.records import unpack_ledger
+from fractal_farm.farm.history import STATISTICS, Commit, RunHistory, Sample, only_run, standing_designs
 
 FORECAST_HOURS = 10.0
+MIGRATION_EPOCHS = 10
 _SETTLED_SECONDS = 60.0
+_RATE_SECONDS = 60.0
+_COLUMNS = ("design_id", "kind", "fitness", "n_maps", "gap")
+_COUNTING_LIMITS = (("epochs", "epochs"), ("evaluations", "evaluated"), ("qualified", "kept_qualified"))
 
 
 def status(path: Path) -> dict[str, Any]:
@@ -27,59 +36,192 @@ def status(path: Path) -> dict[str, Any]:
         path: the catalogue.
 
     Returns:
-        run_id, name, path, state ("running", "ended", "interrupted"), reason, digest, the fields of `Progress`,
-        n_maps (designs by number of maps), printable (designs whose wall makes one body), meshes, mesh_failures,
-        files, bytes, elapsed_s, rate (evaluations a second) and forecast (files, gigabytes and rows after ten hours
-        at the rate of the last half of the run; None in its first minute).
+        See `RunMonitor.look`; with the digest.
 
     Raises:
         InputError: not a catalogue, or no run in it.
-        FarmError: the manifest is damaged.
     """
-    run_id = only_run(path)
-    catalogue = Catalogue.open(path)
-    info = next(run for run in catalogue.runs() if run.run_id == run_id)
-    config = RunConfig.from_dict(info.description["config"], f"{path}: run.json")
-    progress, elapsed_s = _totals(path, config)
-    usage = catalogue.usage()
-    designs = catalogue.designs(["fitness", "n_maps", "gap"], run_id)
-    counts = designs.column("n_maps").value_counts().to_pylist()
-    log = list(read_log(path, run_id))
-    ended = info.ends[-1] if info.ends else None
-    if ended is not None and ended["progress"]["epochs"] != progress.epochs:
-        ended = None  # it went on since then
-    finished = ended is not None and not ended["interrupted"]
-    state = "running" if info.live else "ended" if finished else "interrupted"
-    failures = sum(1 for entry in log if entry["event"] == "MeshFinished" and entry["failure"])
-    wall = config.solids.wall_mm / config.solids.size_mm
-    return {
-        "run_id": run_id,
-        "name": config.name,
-        "path": str(path),
-        "state": state,
-        "reason": ended["reason"] if ended else None,
-        "digest": catalogue.digest(run_id),
-        **asdict(progress),
-        "designs": designs.num_rows,
-        "n_maps": {str(entry["values"]): entry["counts"] for entry in counts},
-        "printable": int(pc.sum(pc.less_equal(designs.column("gap"), wall)).as_py() or 0),
-        "meshes": len(catalogue.solids()),
-        "mesh_failures": failures,
-        "files": usage.files,
-        "bytes": usage.bytes,
-        "elapsed_s": elapsed_s,
-        "rate": progress.evaluated / elapsed_s if elapsed_s > 0 else 0.0,
-        "forecast": _forecast(log, usage.files, usage.bytes, designs.num_rows, elapsed_s),
-    }
+    return RunMonitor(path).look(digest=True)
 
 
-def _totals(path: Path, config: RunConfig) -> tuple[Progress, float]:
-    progress, elapsed_s = Progress(), 0.0
-    dtype = founding_state(config.evolution).library.dtype
-    for _, blob in committed_records(path, config.run_id):
-        ledger = unpack_ledger(blob, dtype)
-        progress, elapsed_s = ledger.progress, max(elapsed_s, ledger.elapsed_s)
-    return progress, elapsed_s
+class RunMonitor:
+    """Looks at the latest run of a catalogue again and again."""
+
+    def __init__(self, path: Path) -> None:
+        """Find the run.
+
+        Raises:
+            InputError: not a catalogue, or no run in it.
+        """
+        self._path = path
+        self._run_id = only_run(path)
+        self._history: RunHistory | None = None
+
+    def look(self, *, digest: bool) -> dict[str, Any]:
+        """The state of the run now.
+
+        Args:
+            digest: also compute the content digest, which reads all rows again; None otherwise.
+
+        Returns:
+            run_id, name, path; state ("running", "ended", "interrupted"), reason, digest;
+            the fields of `Progress` at the last commit, and `complete_epochs`, which may be ahead of it;
+            designs, n_maps (designs by number of maps), printable (designs whose wall makes one body);
+            meshes, mesh_failures, refused (candidates without a score);
+            elapsed_s, rate (evaluations a second, all sessions), rate_now (of the last minute of work; None until two
+            moments are known), workers, executor, silent_s (since the last sign of life of a running farm);
+            islands (island, epoch, best, mean_accepted, received by source and settled in the last epochs);
+            migration_epochs (first and last epoch that `received` covers);
+            failures (where, cause, remedy, count, last: seconds since 1970);
+            files, bytes, free_bytes, min_free_bytes (the run ends below it);
+            stop (limits in force), left_s and left_until (the limit that comes first), None where nothing is known;
+            forecast (files, gigabytes and rows after ten hours; None in the first minute); damage (lines).
+        """
+        live = run_is_live(self._path, self._run_id)
+        if self._history is None:
+            self._history = RunHistory(self._path, self._run_id, _COLUMNS)
+        else:
+            self._history.refresh()
+        history, now = self._history, time.time()
+        catalogue = Catalogue.open(self._path)
+        damage = list(history.damage)
+        last = history.commits[-1] if history.commits else None
+        progress = last.progress if last else Progress()
+        elapsed_s = last.elapsed_s if last else 0.0
+        usage = catalogue.usage()
+        rows = standing_designs(history.rows())
+        started: dict[str, Any] = next((entry for entry in reversed(history.log) if entry["event"] == "RunStarted"), {})
+        stop = started.get("stop") or (history.config.stop.model_dump() if history.config else {})
+        samples = history.samples()
+        state, reason = _state(history, live)
+        left = _time_left(samples, stop, now - _heard(history, now)) if state == "running" else None
+        wall = history.config.solids.wall_mm / history.config.solids.size_mm if history.config else 0.0
+        meshes = _readable(lambda: len(catalogue.solids()), damage)
+        islands, window = _islands(history)
+        return {
+            "run_id": self._run_id,
+            "name": history.config.name if history.config else started.get("name"),
+            "path": str(self._path),
+            "state": state,
+            "reason": reason,
+            "digest": _readable(lambda: catalogue.digest(self._run_id), damage) if digest else None,
+            **asdict(progress),
+            "complete_epochs": samples[-1][1]["epochs"] if samples else 0,
+            "designs": rows.num_rows,
+            "n_maps": {str(k): n for k, n in sorted(Counter(rows.column("n_maps").to_pylist()).items())},
+            "printable": int(pc.sum(pc.less_equal(rows.column("gap"), wall)).as_py() or 0),
+            "meshes": meshes or 0,
+            "mesh_failures": sum(1 for entry in history.log if entry["event"] == "MeshFinished" and entry["failure"]),
+            "refused": int(sum(commit.statistics[:, STATISTICS.index("refused")].sum() for commit in history.commits)),
+            "elapsed_s": elapsed_s,
+            "rate": progress.evaluated / elapsed_s if elapsed_s > 0 else 0.0,
+            "rate_now": _rate_now(samples) if state == "running" else None,
+            "workers": started.get("workers"),
+            "executor": started.get("executor"),
+            "silent_s": now - _heard(history, now) if state == "running" else None,
+            "islands": islands,
+            "migration_epochs": window,
+            "failures": failures(history.log),
+            "files": usage.files,
+            "bytes": usage.bytes,
+            "free_bytes": shutil.disk_usage(self._path).free,
+            "min_free_bytes": int(history.config.catalogue.min_free_gb * 1e9) if history.config else None,
+            "stop": stop,
+            "left_s": left[0] if left else None,
+            "left_until": left[1] if left else None,
+            "forecast": _forecast(history.log, usage.files, usage.bytes, rows.num_rows, elapsed_s),
+            "damage": damage,
+        }
+
+
+def _state(history: RunHistory, live: bool) -> tuple[str, str | None]:
+    end = history.end()
+    if live:
+        return "running", None
+    finished = end is not None and not end["interrupted"]
+    return "ended" if finished else "interrupted", end["reason"] if end else None
+
+
+def _heard(history: RunHistory, now: float) -> float:
+    """Time of the last sign of life."""
+    return max((entry["at"] for entry in history.log[-1:]), default=now)
+
+
+def _rate_now(samples: list[Sample]) -> float | None:
+    recent = [sample for sample in samples if sample[0] >= samples[-1][0] - _RATE_SECONDS]
+    if len(recent) < 2 or recent[-1][0] <= recent[0][0]:
+        return None
+    return float((recent[-1][1]["evaluated"] - recent[0][1]["evaluated"]) / (recent[-1][0] - recent[0][0]))
+
+
+def _time_left(samples: list[Sample], stop: dict[str, Any], since_s: float) -> tuple[float, str] | None:
+    """Seconds until the limit that comes first, at the pace of the last half of the run, and its name."""
+    found = []
+    elapsed_s = samples[-1][0] if samples else 0.0
+    if (hours := stop.get("hours")) is not None:
+        found.append((max(0.0, 3600.0 * hours - elapsed_s - since_s), f"{hours:g} hours"))
+    later = [sample for sample in samples if sample[0] >= elapsed_s / 2]
+    for name, key in _COUNTING_LIMITS:
+        limit = stop.get(name)
+        if limit is None or len(later) < 2 or later[-1][1][key] <= later[0][1][key]:
+            continue
+        pace = (later[-1][1][key] - later[0][1][key]) / max(later[-1][0] - later[0][0], 1e-9)
+        found.append((max(0.0, (limit - later[-1][1][key]) / pace - since_s), f"{limit:,} {name}"))
+    return min(found) if found else None
+
+
+def _islands(history: RunHistory) -> tuple[list[dict[str, Any]], list[int] | None]:
+    """Where every island stands, and what it received in the last epochs."""
+    if not history.commits:
+        return [], None
+    last = history.commits[-1].last_epoch
+    first = max(0, last - MIGRATION_EPOCHS + 1)
+    recent: list[Commit] = [commit for commit in history.commits if commit.last_epoch >= first]
+    received: dict[int, Counter[int]] = defaultdict(Counter)
+    settled: Counter[int] = Counter()
+    for commit in recent:
+        for island, epoch, arrivals, found_place in commit.exchanges:
+            if epoch >= first:
+                received[island].update(dict(arrivals))
+                settled[island] += found_place
+    latest = {int(row[0]): dict(zip(STATISTICS, row.tolist(), strict=True)) for row in recent[-1].statistics}
+    islands = [
+        {
+            "island": island,
+            "epoch": int(entry["epoch"]),
+            "best": entry["best"],
+            "mean_accepted": entry["mean_accepted"],
+            "received": {str(source): number for source, number in sorted(received[island].items())},
+            "settled": settled[island],
+        }
+        for island, entry in sorted(latest.items())
+    ]
+    return islands, [first, last]
+
+
+def failures(log: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Faults and meshes that could not be made, equal ones together, the latest first."""
+    found: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for entry in log:
+        if entry["event"] == "Fault":
+            key = (entry["where"], entry["cause"], entry["remedy"])
+        elif entry["event"] == "MeshFinished" and entry["failure"]:
+            key = ("solid", entry["failure"], "the design stays without one")
+        else:
+            continue
+        count = found[key]["count"] + 1 if key in found else 1
+        found[key] = {"where": key[0], "cause": key[1], "remedy": key[2], "count": count, "last": entry["at"]}
+    return sorted(found.values(), key=lambda failure: -failure["last"])
+
+
+def _readable(read: Callable[[], Any], damage: list[str]) -> Any:
+    """What can be read, or None with a line about the damage."""
+    try:
+        return read()
+    except FarmError as error:
+        if str(error) not in damage:
+            damage.append(str(error))
+        return None
 
 
 def _forecast(
