@@ -125,6 +125,7 @@ def _report(summary: RunSummary, as_json: bool) -> int:
             "best fitness": f"{progress.best_fitness:.4f}",
             "meshes": f"{ended.meshes} made now{failed}" + (f", in {summary.path / 'solids'}" if ended.meshes else ""),
             "picture": summary.sheet,
+            "report": summary.path / "report.html",
             "digest": ended.digest,
         }
     )

@@ -40,6 +40,7 @@ from fractal_farm.farm.mesh_queue import MeshQueue
 from fractal_farm.farm.preflight import check_disk
 from fractal_farm.farm.publisher import Publisher
 from fractal_farm.farm.records import unpack_ledger, unpack_states
+from fractal_farm.farm.report import write_report
 from fractal_farm.farm.run import Run
 from fractal_farm.farm.schedule import Schedule
 from fractal_farm.farm.sheet import write_sheet
@@ -208,6 +209,7 @@ def _session(config: RunConfig, root: Path, new_executor: NewExecutor, callbacks
         record_end(root, run_id, asdict(ended), config.catalogue.durability)
         sheet = write_sheet(root, config)
         announce(ended)
+        write_report(root, config)
         return RunSummary(run_id, config.name, root, ended, sheet)
 
 
