@@ -52,7 +52,9 @@ class CloudArrays:
                 self._opened[writer, name] = zarr.open_array(path, mode="r")
             return np.asarray(self._opened[writer, name].oindex[rows], dtype=np.uint16)
         except (OSError, ValueError, KeyError, RuntimeError) as error:
-            raise FarmError(f"{path}: missing or damaged ({error}); restore it from a copy") from error
+            raise FarmError(
+                f"{path}: missing or damaged ({error}); `farm verify {self._root} --repair` grows it again"
+            ) from error
 
 
 class DenseClouds:
@@ -123,7 +125,7 @@ def _checked_points(design: dict[str, Any], points: npt.NDArray[np.uint16]) -> n
     if crc32c(points.astype("<u2", copy=False).tobytes()) != design["cloud_crc32c"]:
         raise FarmError(
             f"design {design['design_id']}: row {design['cloud_row']} of {CLOUDS}/{design['writer']} is "
-            "missing or damaged; restore the shard from a copy, or grow it with attractor_points(genome)"
+            "missing or damaged; `farm verify --repair` grows it again"
         )
     cloud = QuantisedCloud(points, np.array(design["origin"], np.float32), np.float32(design["scale"]))
     return dequantise(cloud.points, cloud.origin, cloud.scale)

@@ -13,7 +13,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +21,8 @@ from fractal_farm.errors import FarmError
 
 Durability = Literal["full", "process"]
 PARTIAL = ".partial"
+_relied_on: set[Path] = set()
+"""Directories whose entries this process has synced."""
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -61,7 +63,7 @@ def put_all(files: Mapping[Path, bytes], durability: Durability = "full") -> Non
             raise
         if durability == "full":
             for directory in dict.fromkeys(path.parent for path in files):
-                _sync_directory(directory)
+                sync_directory(directory)
 
 
 def put_directory(path: Path, files: Mapping[str, bytes], durability: Durability = "full") -> bool:
@@ -93,7 +95,7 @@ def put_directory(path: Path, files: Mapping[str, bytes], durability: Durability
                 for name, content in files.items():
                     _write_new(partial / name, content, durability)
                 if durability == "full":
-                    _sync_directory(partial)
+                    sync_directory(partial)
                 try:
                     partial.rename(path)
                 except OSError as error:
@@ -105,20 +107,29 @@ def put_directory(path: Path, files: Mapping[str, bytes], durability: Durability
             shutil.rmtree(partial, ignore_errors=True)
             raise
         if durability == "full":
-            _sync_directory(path.parent)
+            sync_directory(path.parent)
     return True
 
 
 def make_directory(path: Path, durability: Durability = "full") -> None:
-    """Make a directory and its missing parents, each entry synced in the directory that holds it."""
+    """Make a directory and its missing parents, each entry synced in the directory that holds it.
+
+    A directory that is there already may come from a process that died before it could sync the entry; so the entry
+    is synced once by each process that relies on it.
+    """
     missing = []
     while not path.is_dir():
         missing.append(path)
         path = path.parent
+    if durability == "full" and path not in _relied_on:
+        with suppress(PermissionError):  # the entry of a directory that was given to us is not ours to sync
+            sync_directory(path.parent)
+        _relied_on.add(path)
     for directory in reversed(missing):
         directory.mkdir(exist_ok=True)
         if durability == "full":
-            _sync_directory(directory.parent)
+            sync_directory(directory.parent)
+            _relied_on.add(directory)
 
 
 def partial_name(path: Path) -> Path:
@@ -136,20 +147,43 @@ def remove_dead_directory(partial: Path) -> bool:
     return True
 
 
+def is_being_filled(partial: Path) -> bool:
+    """Whether a live process fills a partial directory of `put_directory`, or has finished it by now."""
+    try:
+        with _locked(partial, blocking=False):
+            return False
+    except (BlockingIOError, FileNotFoundError):
+        return True
+
+
+def move_aside(path: Path, target: Path) -> None:
+    """Rename a file or directory, durably; the directories of the target are made as needed.
+
+    Raises:
+        FarmError: the file system failed.
+    """
+    with _explained(path, 0):
+        make_directory(target.parent)
+        path.rename(target)
+        sync_directory(target.parent)
+        sync_directory(path.parent)
+
+
+def sync_directory(path: Path) -> None:
+    """Make the names in a directory survive a power cut."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def _write_new(path: Path, content: bytes, durability: Durability) -> None:
     with path.open("xb") as file:
         file.write(content)
         if durability == "full":
             file.flush()
             os.fsync(file.fileno())
-
-
-def _sync_directory(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 @contextmanager

@@ -4,9 +4,11 @@
     runs/<run_id>/                              run.json, lock, final~<n>~<crc32c>.json
     clouds/<writer>/{points,transform,design_id}/     Zarr v3 arrays, one chunk file of each a commit
     manifest/designs/<writer>~<seq>~<rows>~<crc32c>.parquet     one file = one commit
+    manifest/mendings/<hex>~<crc32c>.json       checksums of cloud files that a repair grew again with other bytes
     snapshots/<run_id>~<epoch>~<crc32c>.snapshot
     solids/<design_id>/<parameters hash>/       a finished solid, with solid.json
-    pictures/, logs/
+    catalogue.png, logs/, index/                can be made again, or lost
+    quarantine/                                 what a repair moved aside; never read, never deleted
 
 A writer's name is unique for ever, so that names never collide and nothing is overwritten.
 """
@@ -28,8 +30,10 @@ FEATURES: frozenset[str] = frozenset()
 RUNS = "runs"
 CLOUDS = "clouds"
 DESIGNS = "manifest/designs"
+MENDINGS = "manifest/mendings"
 SNAPSHOTS = "snapshots"
 SOLIDS = "solids"
+QUARANTINE = "quarantine"
 
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")
 _PART = re.compile(r"(?P<writer>[^~/]+)~(?P<seq>\d{8})~(?P<rows>\d{6})~(?P<checksum>[0-9a-f]{8})\.parquet")

@@ -124,7 +124,7 @@ def _open_part(root: Path, name: PartName) -> Any:
         raise FarmError(f"{path}: cannot be read: {error.strerror}") from error
     if crc32c(content) != name.checksum:
         raise FarmError(
-            f"{path}: damaged, its checksum is {crc32c(content):08x}; restore the file from a copy, "
-            "or move it away and lose its designs"
+            f"{path}: damaged, its checksum is {crc32c(content):08x}; `farm verify {root} --repair` may mend it, "
+            "or restore the file from a copy"
         )
     return pq.ParquetFile(pa.BufferReader(content))

@@ -21,17 +21,16 @@ import pyarrow.compute as pc
 from fractal_farm.catalogue.clouds import CLOUD_COLUMNS, CloudArrays, DenseClouds
 from fractal_farm.catalogue.digest import DIGEST_COLUMNS, content_digest
 from fractal_farm.catalogue.durable import put
-from fractal_farm.catalogue.layout import CLOUDS, FEATURES, FORMAT, PartName
+from fractal_farm.catalogue.layout import FEATURES, FORMAT, PartName
 from fractal_farm.catalogue.parts import list_parts, read_rows
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH
-from fractal_farm.catalogue.shards import ATTRIBUTE, group_metadata
+from fractal_farm.catalogue.shards import ATTRIBUTE, ROOT, root_documents
 from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.genome import Genome
 
-_ROOT = "zarr.json"
 _SHORTEST_PREFIX = 4
 _RANK = ("design_id", "kind", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
 """Of rows with equal design_id the first in this order stands; a design comes before an ancestor."""
@@ -78,11 +77,10 @@ class Catalogue:
         if root.exists() and not root.is_dir():
             raise InputError(f"{root}: is a file; name a new directory")
         if root.is_dir() and any(not entry.name.startswith(".") for entry in root.iterdir()):
-            kind = "holds a catalogue already" if (root / _ROOT).exists() else "is not empty"
+            kind = "holds a catalogue already" if (root / ROOT).exists() else "is not empty"
             raise InputError(f"{root}: {kind}; name a new directory")
-        about = {"format": FORMAT, "min_reader": FORMAT, "features": sorted(FEATURES)}
-        put(root / _ROOT, group_metadata(about))
-        put(root / CLOUDS / _ROOT, group_metadata({"format": FORMAT}))
+        for key, content in root_documents().items():
+            put(root / key, content)
         return cls(root)
 
     @classmethod
@@ -94,7 +92,7 @@ class Catalogue:
         """
         root = Path(path)
         try:
-            content = json.loads((root / _ROOT).read_bytes())
+            content = json.loads((root / ROOT).read_bytes())
             about = content["attributes"][ATTRIBUTE]
             needed = _version(about["min_reader"])
             features = set(about["features"])
@@ -102,7 +100,10 @@ class Catalogue:
             missing = "no such directory" if not root.exists() else "not a catalogue (it has no zarr.json)"
             raise InputError(f"{root}: {missing}; give the directory of a run") from None
         except (OSError, ValueError, KeyError, TypeError):
-            raise InputError(f"{root}: not a catalogue of the farm; give the directory of a run") from None
+            raise InputError(
+                f"{root}: not a catalogue of the farm, or its zarr.json is damaged (`farm verify {root} --repair`); "
+                "give the directory of a run"
+            ) from None
         if needed > _version(FORMAT) or features - FEATURES:
             wanted = ", ".join([f"format {about['min_reader']}", *sorted(features - FEATURES)])
             raise InputError(

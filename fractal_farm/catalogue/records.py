@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from fractal_farm.catalogue.durable import PARTIAL, Durability, put, remove_dead_directory
+from fractal_farm.catalogue.durable import PARTIAL, Durability, put, remove_dead_directory, sync_directory
 from fractal_farm.catalogue.layout import (
     CLOUDS,
     DESIGNS,
@@ -28,7 +28,9 @@ _SNAPSHOTS_KEPT = 3
 
 
 def committed_records(root: Path, run_id: str, after: int | None = None) -> Iterator[tuple[tuple[int, int], bytes]]:
-    """The records of a run, as they were given to `RunWriter.commit`.
+    """The records of a run, as they were given to `RunWriter.commit`, as far as they are without a gap.
+
+    Where a part was lost, the records end: a run that goes on from there grows the same designs again.
 
     Args:
         root: directory of the catalogue.
@@ -37,7 +39,7 @@ def committed_records(root: Path, run_id: str, after: int | None = None) -> Iter
 
     Yields:
         ((first epoch, last epoch), records) in order of epochs, then of commits; of commits that are equal in
-        both, the first.
+        both, the first. Epochs begin at 0.
 
     Raises:
         FarmError: a part is missing or damaged.
@@ -45,11 +47,16 @@ def committed_records(root: Path, run_id: str, after: int | None = None) -> Iter
     spans = []
     for part in list_parts(root, run_id):
         footer = read_footer(root, part)
-        if after is None or footer.epochs[1] > after:
-            spans.append((footer.epochs, part.seq, part.writer, crc32c(footer.records), part))
+        spans.append((footer.epochs, part.seq, part.writer, crc32c(footer.records), part))
     seen = set()
+    reached: tuple[int, int] = (-1, -1)
     for epochs, _, _, checksum, part in sorted(spans):
-        if (epochs, checksum) not in seen:
+        if epochs[0] > reached[1] + 1:
+            return
+        if epochs[1] < reached[1] or (epochs[1] == reached[1] and epochs != reached):
+            continue  # committed before a part was lost, and again with those after it
+        reached = epochs
+        if (epochs, checksum) not in seen and (after is None or epochs[1] > after):
             seen.add((epochs, checksum))
             yield epochs, read_footer(root, part).records
 
@@ -67,6 +74,8 @@ def remove_orphans(root: Path, run_id: str) -> int:
     Raises:
         FarmError: a part of the run is missing or damaged; then nothing is removed.
     """
+    if (root / DESIGNS).is_dir():
+        sync_directory(root / DESIGNS)  # what is relied on from here on must not vanish in a power cut
     referenced = {key for part in list_parts(root, run_id) for key in read_footer(root, part).files}
     removed = 0
     for writer in (root / CLOUDS).glob(f"{run_id}-*"):

@@ -10,26 +10,29 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numcodecs import blosc  # type: ignore[import-untyped]
 
-from fractal_farm.catalogue.layout import crc32c
+from fractal_farm.catalogue.layout import CLOUDS, FEATURES, FORMAT, crc32c
 from fractal_farm.ifs.quantised_cloud import QuantisedClouds
 
 SHARD = 256
 """Designs in one shard; each commit begins a new one."""
 CAPACITY = 1 << 20
 """Declared rows of a writer's arrays."""
+ROOT = "zarr.json"
+"""Name of the metadata of a group or array."""
 POINTS = "points"
 TRANSFORM = "transform"
 DESIGN_ID = "design_id"
 ATTRIBUTE = "fractal_farm"
 """Key under which our groups describe themselves."""
 
+_SEAL = "crc32c"
 _ID_BYTES = 16
 _EMPTY_SLOT = np.iinfo(np.uint64).max
 
@@ -37,6 +40,33 @@ _EMPTY_SLOT = np.iinfo(np.uint64).max
 def group_metadata(about: Mapping[str, Any]) -> bytes:
     """zarr.json of a group that says something about itself."""
     return _json({"zarr_format": 3, "node_type": "group", "attributes": {ATTRIBUTE: about}})
+
+
+def sealed_group_metadata(about: Mapping[str, Any]) -> bytes:
+    """zarr.json of a group that nothing else vouches for: it carries the checksum of itself without it."""
+    return group_metadata({**about, _SEAL: f"{crc32c(group_metadata(about)):08x}"})
+
+
+def root_documents() -> dict[str, bytes]:
+    """The documents that make a directory an empty catalogue: key -> content; the root comes first."""
+    about: dict[str, Any] = {"format": FORMAT, "min_reader": FORMAT, "features": sorted(FEATURES)}
+    return {ROOT: sealed_group_metadata(about), f"{CLOUDS}/{ROOT}": sealed_group_metadata({"format": FORMAT})}
+
+
+def is_root_document(key: str, content: bytes) -> bool:
+    """Whether every bit of such a document is as it was written, by this version or another one."""
+    try:
+        about = json.loads(content)["attributes"][ATTRIBUTE]
+        seal = about.pop(_SEAL, None)
+    except (ValueError, RecursionError, KeyError, TypeError, AttributeError):
+        return False
+    if seal is None:  # written before documents were sealed
+        known: dict[str, dict[str, Any]] = {
+            ROOT: {"format": "1.0", "min_reader": "1.0", "features": []},
+            f"{CLOUDS}/{ROOT}": {"format": "1.0"},
+        }
+        return content == group_metadata(known[key])
+    return content == sealed_group_metadata(about)
 
 
 @functools.cache
@@ -118,21 +148,40 @@ def shard_files(clouds: QuantisedClouds, design_ids: list[str], first_shard: int
     return files
 
 
-def encoded_shard(points: npt.NDArray[np.uint16]) -> bytes:
+def encoded_shard(points: npt.NDArray[np.uint16], empty: Collection[int] = ()) -> bytes:
     """One shard: a blosc chunk for each cloud, each with its CRC32C, then the index of (offset, length).
 
     Args:
         points: (m, n, 3) uint16, m <= 256; the other slots stay empty.
+        empty: slots below m that stay empty too.
     """
     index = np.full((SHARD, 2), _EMPTY_SLOT, "<u8")
     pieces = []
     offset = 0
     for slot, cloud in enumerate(points.astype("<u2", copy=False)):
+        if slot in empty:
+            continue
         piece = _sealed(blosc.compress(cloud.tobytes(), b"zstd", 3, blosc.BITSHUFFLE, 0, 2))
         index[slot] = offset, len(piece)
         offset += len(piece)
         pieces.append(piece)
     return b"".join([*pieces, _sealed(index.tobytes())])
+
+
+def decoded_slot(shard: bytes, slot: int, n_points: int) -> npt.NDArray[np.uint16] | None:
+    """One cloud of a shard, (n_points, 3) uint16; None if it is damaged, or the slot is empty."""
+    index = _unsealed(shard[-(16 * SHARD + 4) :])
+    if index is None or len(index) != 16 * SHARD:
+        return None
+    offset, length = (int(number) for number in np.frombuffer(index, "<u8").reshape(SHARD, 2)[slot])
+    piece = _unsealed(shard[offset : offset + length])
+    if piece is None:
+        return None
+    try:
+        points = np.frombuffer(blosc.decompress(piece), "<u2")
+    except (RuntimeError, ValueError):
+        return None
+    return points.reshape(n_points, 3) if points.size == 3 * n_points else None
 
 
 def _encoded_chunk(rows: npt.NDArray[Any]) -> bytes:
@@ -143,6 +192,11 @@ def _encoded_chunk(rows: npt.NDArray[Any]) -> bytes:
 
 def _sealed(content: bytes) -> bytes:
     return content + crc32c(content).to_bytes(4, "little")
+
+
+def _unsealed(content: bytes) -> bytes | None:
+    body, seal = content[:-4], content[-4:]
+    return body if len(seal) == 4 and crc32c(body) == int.from_bytes(seal, "little") else None
 
 
 def _json(content: dict[str, Any]) -> bytes:

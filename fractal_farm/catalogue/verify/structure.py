@@ -1,0 +1,198 @@
+"""The quick look: is every file there that should be, with its size, and nothing that should not?"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from fractal_farm.catalogue.documents import opened_document
+from fractal_farm.catalogue.durable import PARTIAL, is_being_filled
+from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, MENDINGS, RUNS, SNAPSHOTS, SOLIDS, crc32c, part_name
+from fractal_farm.catalogue.shards import ROOT, SHARD, is_root_document, root_documents
+from fractal_farm.catalogue.solids import CHECKSUMS
+from fractal_farm.catalogue.verify.contents import Contents, named_checksum
+from fractal_farm.catalogue.verify.findings import Finding
+
+SHEET = "catalogue.png"
+GROW = "`farm verify --repair` grows the clouds again from their genomes"
+_RESUME = "`farm resume` removes it, `farm verify --repair` moves it aside"
+_RUN_ID = re.compile(r"[0-9a-z]{4,32}")
+_SOLID = re.compile(rf"{SOLIDS}/[0-9a-f]{{32}}/[0-9A-Za-z_-]{{1,64}}")
+
+
+def structure_findings(contents: Contents) -> Iterator[Finding]:
+    """What names, sizes and small documents tell; fills in `contents.runs`."""
+    yield from _roots(contents)
+    yield from _runs(contents)
+    yield from _epochs(contents)
+    yield from _clouds(contents)
+    yield from _solids(contents)
+    yield from _sheet(contents)
+    yield from _unknown(contents)
+
+
+def solid_directories(contents: Contents) -> list[str]:
+    """Keys of the finished solids."""
+    return sorted(key for key in contents.directories if _SOLID.fullmatch(key))
+
+
+def solid_files(contents: Contents, solid: str) -> dict[str, tuple[int, int]] | None:
+    """Plain name -> (bytes, CRC32C) of a solid's files; None if its list is missing or damaged."""
+    content = contents.read(f"{solid}/{CHECKSUMS}")
+    document = None if isinstance(content, str) else opened_document(content)
+    if document is None:
+        return None
+    return {name: (facts["bytes"], facts["crc32c"]) for name, facts in document["files"].items()}
+
+
+def _roots(contents: Contents) -> Iterator[Finding]:
+    for key in root_documents():
+        content = contents.read(key)
+        if isinstance(content, str) or not is_root_document(key, content):
+            problem = content if isinstance(content, str) else "damaged: its checksum does not match"
+            yield Finding(key, "root", problem, "`farm verify --repair` writes it again")
+
+
+def _runs(contents: Contents) -> Iterator[Finding]:
+    wanted = {part.run_id for part in contents.parts}
+    there = {key.split("/")[1] for key in contents.directories if key.startswith(f"{RUNS}/")}
+    for run_id in sorted(wanted | there):
+        key = f"{RUNS}/{run_id}/run.json"
+        contents.runs[run_id] = None
+        if not _RUN_ID.fullmatch(run_id):
+            yield Finding(f"{RUNS}/{run_id}", "leftover", "is not a run's name", "move it away", damage=False)
+            continue
+        content = contents.read(key)
+        if isinstance(content, str):
+            if run_id in wanted or content != "missing":
+                remedy = "restore it from a copy; without it the run cannot be resumed"
+                yield Finding(key, "run", content, remedy)
+            continue
+        contents.runs[run_id] = opened_document(content)
+        if contents.runs[run_id] is None:
+            problem = "damaged: its checksum does not match"
+            yield Finding(key, "run", problem, "`farm verify --repair` mends it if it is one flipped bit")
+    for key in sorted(contents.sizes.keys() | contents.directories):
+        if re.fullmatch(rf"{RUNS}/[^/]*/final~\d+~[0-9a-f]{{8}}\.json", key):
+            content = contents.read(key)
+            if isinstance(content, str) or crc32c(content) != named_checksum(key) or opened_document(content) is None:
+                remedy = "`farm verify --repair` mends it if it is one flipped bit; otherwise `farm resume` writes one"
+                yield Finding(key, "end", "damaged: its checksum does not match", remedy)
+        elif re.fullmatch(rf"{RUNS}/[^/]*/lock", key) and key in contents.directories:
+            yield Finding(key, "leftover", "a directory stands in place of the lock", _RESUME)
+
+
+def _epochs(contents: Contents) -> Iterator[Finding]:
+    """Epochs of a run that no sound part holds; what is committed last may also be missed by the end of the run."""
+    spans: dict[str, list[tuple[int, int]]] = {}
+    for part in contents.parts:
+        spans.setdefault(part.run_id, []).append(part.footer.epochs)
+    for run_id, description in contents.runs.items():
+        reached = 0
+        gaps = []
+        for first, last in sorted(spans.get(run_id, [])):
+            if first > reached:
+                gaps.append((reached, first - 1))
+            reached = max(reached, last + 1)
+        ended = ended_after(contents, run_id) if description is not None else 0
+        if ended > reached:
+            gaps.append((reached, ended - 1))
+        for first, last in gaps:
+            yield Finding(
+                f"{RUNS}/{run_id}",
+                "epochs",
+                f"no manifest part holds epochs {first} to {last}",
+                "restore the part from a copy, or `farm resume` grows these epochs again, bit for bit",
+            )
+
+
+def ended_after(contents: Contents, run_id: str) -> int:
+    """The most epochs that an end of this run tells of; 0 if there is none."""
+    most = 0
+    for key in contents.sizes:
+        if key.startswith(f"{RUNS}/{run_id}/final~"):
+            content = contents.read(key)
+            document = None if isinstance(content, str) else opened_document(content)
+            progress = (document or {}).get("progress")
+            epochs = progress.get("epochs") if isinstance(progress, dict) else None
+            most = max(most, epochs if isinstance(epochs, int) else 0)
+    return most
+
+
+def _clouds(contents: Contents) -> Iterator[Finding]:
+    for key, accepted in sorted(contents.accepted.items()):
+        size = contents.sizes.get(key)
+        if size is None:
+            problem = "a directory stands in its place" if key in contents.directories else "missing"
+            yield Finding(key, "cloud", problem, GROW, clouds_in(contents, key))
+        elif size not in {length for length, _ in accepted}:
+            problem = f"has {size} bytes; its part says {min(accepted)[0]}"
+            yield Finding(key, "cloud", problem, GROW, clouds_in(contents, key))
+        elif lost := contents.lost.get(key):
+            remedy = "restore it from a copy, or verify on a machine like the one that grew them"
+            yield Finding(key, "cloud", "an earlier repair could not restore all clouds", remedy, tuple(lost))
+
+
+def clouds_in(contents: Contents, key: str) -> tuple[str, ...]:
+    """The designs whose clouds a cloud file holds; all of its writer's if it is metadata."""
+    part = contents.part_of[key]
+    chunk = key.rpartition("/")[2].split(".")
+    rows = contents.rows(part, ["design_id", "cloud_row"])
+    return tuple(
+        row["design_id"]
+        for row in rows
+        if row["cloud_row"] is not None and (chunk[0] != "c" or row["cloud_row"] // SHARD == int(chunk[1]))
+    )
+
+
+def _solids(contents: Contents) -> Iterator[Finding]:
+    remake = "`farm verify --repair` makes the solid again"
+    for solid in solid_directories(contents):
+        listed = solid_files(contents, solid)
+        concerned = (solid.split("/")[1],)
+        if listed is None:
+            yield Finding(solid, "solid", f"{CHECKSUMS} is missing or damaged", remake, concerned)
+            continue
+        for name, (size, _) in listed.items():
+            found = contents.sizes.get(f"{solid}/{name}")
+            if found != size:
+                problem = f"{name} is missing" if found is None else f"{name} has {found} bytes instead of {size}"
+                yield Finding(solid, "solid", problem, remake, concerned)
+
+
+def _sheet(contents: Contents) -> Iterator[Finding]:
+    """The picture that each end of a run with designs leaves."""
+    ended = any(key.startswith(f"{RUNS}/") and "/final~" in key for key in contents.sizes)
+    if ended and SHEET not in contents.sizes and any(part.name.rows for part in contents.parts):
+        problem = "a directory stands in its place" if SHEET in contents.directories else "missing"
+        yield Finding(SHEET, "picture", problem, "`farm verify --repair` draws it again")
+
+
+def _unknown(contents: Contents) -> Iterator[Finding]:
+    """What no rule of the layout explains: leftovers of killed processes, and strangers among our files."""
+    for key in sorted(contents.sizes):
+        folder, _, name = key.rpartition("/")
+        top = key.split("/")[0]
+        if name.startswith(".") and name.endswith(PARTIAL):
+            run_id = re.split("[-~]", name[1:])[0]
+            owner = key.split("/")[1].partition("-")[0] if top == CLOUDS else run_id
+            if top == RUNS:
+                owner = key.split("/")[1]
+            if owner not in contents.live:
+                yield Finding(key, "leftover", "a file that was never finished", _RESUME, damage=False)
+        elif top == CLOUDS and key != f"{CLOUDS}/{ROOT}" and key not in contents.accepted:
+            owner = key.split("/")[1].partition("-")[0]
+            if owner not in contents.live:
+                problem = "no manifest part refers to it"
+                yield Finding(key, "leftover", problem, _RESUME, damage=owner not in contents.runs)
+        elif (
+            (folder == DESIGNS and part_name(name) is None)
+            or (folder == SNAPSHOTS and named_checksum(key) is None)
+            or (top == "manifest" and folder not in (DESIGNS, MENDINGS))
+        ):
+            yield Finding(key, "leftover", "not a name that the farm gives", "`farm verify --repair` moves it aside")
+    for key in sorted(contents.directories):
+        if key.startswith(f"{SOLIDS}/") and key.endswith(PARTIAL) and not is_being_filled(contents.root / key):
+            yield Finding(key, "leftover", "a solid that was never finished", _RESUME, damage=False)
+        if key.startswith(f"{SNAPSHOTS}/"):
+            yield Finding(key, "leftover", "a directory among the snapshots", "`farm verify --repair` moves it aside")
