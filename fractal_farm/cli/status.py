@@ -65,11 +65,12 @@ def report(
     ] = None,
 ) -> None:
     """Write the course of a run as one HTML file: curves, faults, configuration, the best designs."""
+    from fractal_farm.catalogue.documents import sealed_page
     from fractal_farm.cli.output import write_file
     from fractal_farm.farm.report import report_page
 
     path = output if output is not None else directory / "report.html"
-    write_file(path, report_page(directory).encode())
+    write_file(path, sealed_page(report_page(directory)))
     typer.echo(path)
 
 

@@ -18,6 +18,7 @@ import pyarrow.compute as pc
 import yaml
 
 from fractal_farm.catalogue import Catalogue, run_is_live
+from fractal_farm.catalogue.documents import sealed_page
 from fractal_farm.catalogue.durable import put
 from fractal_farm.config import RunConfig
 from fractal_farm.farm.history import STATISTICS, RunHistory, only_run, standing_designs
@@ -64,7 +65,7 @@ img { max-width: 100%; border-radius: 6px; display: block; } code { overflow-wra
 def write_report(root: Path, config: RunConfig) -> Path:
     """Write the report of a run into its catalogue; returns its path."""
     path = root / "report.html"
-    put(path, report_page(root, config.run_id).encode(), config.catalogue.durability)
+    put(path, sealed_page(report_page(root, config.run_id)), config.catalogue.durability)
     return path
 
 
