@@ -7,7 +7,7 @@
     manifest/mendings/<hex>~<crc32c>.json       checksums of cloud files that a repair grew again with other bytes
     snapshots/<run_id>~<epoch>~<crc32c>.snapshot
     solids/<design_id>/<parameters hash>/       a finished solid, with solid.json
-    catalogue.png, logs/, index/                can be made again, or lost
+    catalogue.png, report.html, logs/, index/   can be made again, or lost
     quarantine/                                 what a repair moved aside; never read, never deleted
 
 A writer's name is unique for ever, so that names never collide and nothing is overwritten.

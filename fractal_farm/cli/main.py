@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from fractal_farm import __version__
-from fractal_farm.cli import catalogue_commands, design_commands, doctor, run_commands, status
+from fractal_farm.cli import catalogue_commands, design_commands, doctor, run_commands, status, verify
 from fractal_farm.errors import FarmError, InputError
 
 app = typer.Typer(
@@ -35,6 +35,7 @@ app.command("show")(catalogue_commands.show)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
+app.command("verify")(verify.verify)
 app.command("doctor")(doctor.doctor)
 
 

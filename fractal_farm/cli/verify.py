@@ -65,13 +65,21 @@ def _remakers(directory: Path) -> Remakers:
     from fractal_farm.catalogue.verify import Remakers
     from fractal_farm.config import RunConfig
 
-    def sheet() -> None:
+    def configuration() -> RunConfig:
         from fractal_farm.catalogue import read_run
         from fractal_farm.farm.history import only_run
+
+        return RunConfig.from_dict(read_run(directory, only_run(directory))["config"], f"{directory}: run.json")
+
+    def sheet() -> None:
         from fractal_farm.farm.sheet import write_sheet
 
-        stored = read_run(directory, only_run(directory))["config"]
-        write_sheet(directory, RunConfig.from_dict(stored, f"{directory}: run.json"))
+        write_sheet(directory, configuration())
+
+    def report() -> None:
+        from fractal_farm.farm.report import write_report
+
+        write_report(directory, configuration())
 
     def solid(design_id: str, parameters_hash: str) -> Mapping[str, bytes]:
         from fractal_farm.catalogue import Catalogue
@@ -85,7 +93,7 @@ def _remakers(directory: Path) -> Remakers:
                 return solid_files(catalogue.genome(design_id), parameters, settings.formats)
         raise FarmError("no run of this catalogue makes solids with these parameters; make it again with `farm mesh`")
 
-    return Remakers(sheet, solid)
+    return Remakers({"catalogue.png": sheet, "report.html": report}, solid)
 
 
 def _line(finding: Finding) -> str:

@@ -33,6 +33,7 @@ from fractal_farm.errors import FarmError
 
 _BIT = "one flipped bit, restored"
 _TRIAL_BYTES = 1 << 15
+_TELLING = ("root", "part", "mending", "run", "end")
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,11 @@ class Remakers:
     """What the catalogue cannot make itself.
 
     Attributes:
-        sheet: draws catalogue.png.
+        pictures: file name -> what makes it again.
         solid: (design_id, parameters hash) -> the files of the solid.
     """
 
-    sheet: Callable[[], object]
+    pictures: Mapping[str, Callable[[], object]]
     solid: Callable[[str, str], Mapping[str, bytes]]
 
 
@@ -66,27 +67,27 @@ def repair(root: Path, level: Level, remakers: Remakers) -> Report:
     """
     check_is_catalogue(root)
     with _all_runs_held(root) as held:
-        found = verify(root, level, held)
-        if not found.findings:
-            return replace(found, repaired=True)
-        contents = listed_contents(root, held)
-        for _ in structure_findings(contents):
-            pass  # it fills in the runs
-        bench = _Bench(contents, remakers)
-        # A part that is whole again may tell of clouds that nobody missed before, so a second round follows.
-        outcomes = [bench.mend(finding) for finding in sorted(found.findings, key=_order)]
-        second = verify(root, level, held)
-        told = {(finding.path, finding.kind) for finding in found.findings}
-        new = [finding for finding in second.findings if (finding.path, finding.kind) not in told]
-        if new:
-            bench = _Bench(listed_contents(root, held), remakers)
-            outcomes += [bench.mend(finding) for finding in sorted(new, key=_order)]
-            second = verify(root, level, held)
-    return replace(second, repaired=True, findings=tuple(outcomes), remaining=second.findings)
+        report = verify(root, level, held)
+        outcomes: list[Finding] = []
+        # What tells of other files is mended first, and then they are looked at again.
+        for first in (True, False):
+            chosen = [finding for finding in report.findings if (finding.kind in _TELLING) == first]
+            if chosen:
+                bench = _Bench(_contents(root, held), remakers)
+                outcomes += [bench.mend(finding) for finding in sorted(chosen, key=_comes_last)]
+                report = verify(root, level, held)
+    return replace(report, repaired=True, findings=tuple(outcomes), remaining=report.findings)
 
 
-def _order(finding: Finding) -> bool:
-    """Pictures and solids come last: they are made from what is mended before."""
+def _contents(root: Path, held: frozenset[str]) -> Contents:
+    contents = listed_contents(root, held)
+    for _ in structure_findings(contents):
+        pass  # it fills in the runs
+    return contents
+
+
+def _comes_last(finding: Finding) -> bool:
+    """Pictures and solids are made from what is mended before."""
     return finding.kind in ("picture", "solid")
 
 
@@ -222,13 +223,13 @@ class _Bench:
 
     def _picture(self, key: str) -> tuple[str, bool]:
         where = self._disposable(key)[0]
-        if key != "catalogue.png":
+        if key not in self._remakers.pictures:
             return where, False
         try:
-            self._remakers.sheet()
+            self._remakers.pictures[key]()
         except (FarmError, OSError) as error:
-            return f"{where}; cannot be drawn again: {error}", True
-        return "drawn again", False
+            return f"{where}; cannot be made again: {error}", True
+        return "made again", False
 
     def _given_up(self, key: str, loss: str) -> tuple[str, bool]:
         if not (self._root / key).exists():
