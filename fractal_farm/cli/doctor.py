@@ -31,6 +31,11 @@ _PACKAGES = (
 _MEMORY_NEEDED = 2e9
 _DISK_NEEDED = 2e9
 _SHARED_MEMORY_NEEDED = 256e6
+_D2_TOLERANCE = 0.05
+_GAP_TOLERANCE = 0.01
+_FEW_POINTS = 500
+_FEW_PIXELS = 64
+_ROD_MM = 20.0
 
 
 @dataclass(frozen=True)
@@ -128,19 +133,32 @@ def _shared_memory() -> Iterator[Check]:
 
 
 def _kernels() -> Iterator[Check]:
-    """Compile the kernels, or load them from the cache."""
-    from fractal_farm.fitness import evaluate
+    """Compile all kernels that a run calls, or load them from the cache, by making one design from end to end."""
+    from fractal_farm import attractor_points, evaluate, solidify
+    from fractal_farm.ifs.gap import gap
+    from fractal_farm.ifs.genome import Genome
     from fractal_farm.ifs.kernel import cache_root
+    from fractal_farm.ifs.quantised_cloud import quantised_attractors
+    from fractal_farm.picture import cloud_picture
 
     cache = cache_root()
     remedy = "set NUMBA_CACHE_DIR to a directory that you may write to"
-    yield Check("kernel cache", os.access(cache, os.W_OK), str(cache), remedy)
+    yield Check("kernel cache", cache is not None, str(cache or "nowhere to write to"), remedy)
     start = time.perf_counter()
-    genome = [[0.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5, -1.0, 0.0, 0.0]]
-    dimension = float(evaluate([genome]).d2[0])
+    segment = Genome([[0.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5, -1.0, 0.0, 0.0]])
+    dimension = float(evaluate([segment]).d2[0])
     seconds = time.perf_counter() - start
     found = f"ready in {seconds:.1f} s; a line segment has D2 {dimension:.3f}"
-    yield Check("kernels", abs(dimension - 1.0) < 0.05, found, "reinstall with pip install -c constraints.txt .")
+    remedy = "reinstall with pip install -c constraints.txt ."
+    yield Check("scores", abs(dimension - 1.0) < _D2_TOLERANCE, found, remedy)
+    start = time.perf_counter()
+    in_one_piece = gap(segment) < _GAP_TOLERANCE
+    quantised_attractors([segment], _FEW_POINTS)
+    cloud_picture(attractor_points(segment, _FEW_POINTS), size=_FEW_PIXELS)
+    mesh = solidify(segment, size_mm=_ROD_MM, wall_mm=1.0)
+    seconds = time.perf_counter() - start
+    found = f"ready in {seconds:.1f} s; a rod of {_ROD_MM:g} mm has {len(mesh.faces)} triangles"
+    yield Check("solids and pictures", in_one_piece and mesh.is_watertight, found, remedy)
 
 
 def _ray() -> Iterator[Check]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fractal_farm.fitness.morton import LEVELS
+from fractal_farm.fitness.morton import INDEX_BITS, LEVELS
 from fractal_farm.fitness.simd import leading_zeros
 from fractal_farm.ifs.kernel import kernel
 
@@ -33,7 +33,7 @@ def count_boxes(keys, n, parting, boxes):
     parting[0] = 0
     parting[n] = 0
     for i in range(1, n):
-        same_bits = leading_zeros(np.uint32((keys[i] ^ keys[i - 1]) >> np.uint64(32)))  # two of them unused
+        same_bits = leading_zeros(np.uint32((keys[i] ^ keys[i - 1]) >> np.uint64(INDEX_BITS)))  # two of them unused
         parting[i] = np.uint32(same_bits + 1) // np.uint32(3)
     for i in range(n):
         boxes[OCCUPIED, parting[i]] += 1

@@ -24,6 +24,7 @@ from fractal_farm.ifs.kernel import kernel
 COLLAPSED = 1e-9  # extent over coordinate at and below which a cloud counts as one point
 SMALLEST = 1e-300  # extent below which its reciprocal is no number
 TURN = ((21 / 37, 28 / 37, -12 / 37), (-12 / 37, 21 / 37, 28 / 37), (28 / 37, -12 / 37, 21 / 37))  # about (1, 1, 1)
+_DIAGONAL = 1e-17  # share of the trace at and below which what is off the diagonal counts as none
 _SWEEPS = 16  # of Jacobi rotations; five suffice in practice
 
 
@@ -150,7 +151,7 @@ def principal_axes(covariance, work):
             axes[i, j] = 1.0 if i == j else 0.0
     for _ in range(_SWEEPS):
         trace = abs(a[0, 0]) + abs(a[1, 1]) + abs(a[2, 2])
-        if abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2]) <= 1e-17 * trace:
+        if abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2]) <= _DIAGONAL * trace:
             break
         for p in range(2):
             for q in range(p + 1, 3):

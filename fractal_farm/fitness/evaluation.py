@@ -30,6 +30,7 @@ from fractal_farm.ifs.system import Reading, System, build_system, new_system, r
 
 FloatArray = npt.NDArray[np.float64]
 
+POINTS = 5000  # of a cloud that scores are computed from (paper, section 3.2.2)
 _NONE = int(Refusal.NONE)
 _NOT_FINITE = int(Refusal.NOT_FINITE)
 _D0, _D2, _LLE, _FITNESS, _D0_ERROR, _D2_ERROR = range(6)  # rows of the values that the kernel fills
@@ -72,7 +73,7 @@ class Evaluation:
 
 def evaluate(
     genomes: Sequence[Genome | npt.ArrayLike],
-    n_points: int = 5000,
+    n_points: int = POINTS,
     formula: FitnessFormula | None = None,
     repeats: int = 1,
 ) -> Evaluation:

@@ -17,6 +17,12 @@ from fractal_farm.ifs.kernel import kernel
 
 LEVELS = 10
 _DIGITS = 1 << LEVELS
+INDEX_BITS = 32  # below a key, the number of the point
+# The bits of a 10-bit number in groups of 8, 4, 2 and 1, with gaps of twice as many zeros.
+_BY_8 = np.uint32(0x030000FF)
+_BY_4 = np.uint32(0x0300F00F)
+_BY_2 = np.uint32(0x030C30C3)
+_BY_1 = np.uint32(0x09249249)
 
 
 class MortonWorkspace(NamedTuple):
@@ -54,7 +60,7 @@ def sort_by_key(frame, n, cube, work):
         key = _spread(_digit(frame[0, i], scale))
         key |= _spread(_digit(frame[1, i], scale)) << np.uint32(1)
         key |= _spread(_digit(frame[2, i], scale)) << np.uint32(2)
-        spare[i] = np.uint64(key) << np.uint64(32) | np.uint64(i)
+        spare[i] = np.uint64(key) << np.uint64(INDEX_BITS) | np.uint64(i)
     histogram[:] = np.uint32(0)
     for i in range(n):
         for p in range(3):
@@ -90,7 +96,7 @@ def _scatter(source, n, p, histogram, target):
 
 @kernel(forceinline=True)
 def _radix_digit(key, p):
-    return (key >> np.uint64(32 + LEVELS * p)) & np.uint64(_DIGITS - 1)
+    return (key >> np.uint64(INDEX_BITS + LEVELS * p)) & np.uint64(_DIGITS - 1)
 
 
 @kernel(forceinline=True)
@@ -103,7 +109,7 @@ def _digit(coordinate, scale):
 def _spread(x):
     """Ten bits to every third of thirty."""
     x = np.uint32(x)
-    x = (x | x << np.uint32(16)) & np.uint32(0x030000FF)
-    x = (x | x << np.uint32(8)) & np.uint32(0x0300F00F)
-    x = (x | x << np.uint32(4)) & np.uint32(0x030C30C3)
-    return np.uint32((x | x << np.uint32(2)) & np.uint32(0x09249249))
+    x = (x | x << np.uint32(16)) & _BY_8
+    x = (x | x << np.uint32(8)) & _BY_4
+    x = (x | x << np.uint32(4)) & _BY_2
+    return np.uint32((x | x << np.uint32(2)) & _BY_1)

@@ -20,6 +20,11 @@ from numba.extending import intrinsic, models, register_model
 LANES = 16
 FRACTION_BITS = 23  # of a float32
 EXPONENT_BIAS = 127
+_WORD_BITS = 32
+_CARRY = 0b11101000  # truth table of: at least two of three bits
+_LOWEST_BITS = 0x01010101  # of four bytes
+_EVEN_BYTES = 0x00FF00FF
+_HALF_BITS = 16
 
 _I1 = ir.IntType(1)
 _I32 = ir.IntType(32)
@@ -178,7 +183,7 @@ def one_hot(builder: Any, position: Any) -> Any:
     """1 << (position mod 32) in each lane."""
     if _has_ternary_logic():  # and a rotation
         return _call(builder, "llvm.fshl.v16i32", _WORDS, _constant(1), _constant(1), position)
-    return builder.shl(_constant(1), builder.and_(position, _constant(31)))
+    return builder.shl(_constant(1), builder.and_(position, _constant(_WORD_BITS - 1)))
 
 
 @_operation(Words)
@@ -192,8 +197,7 @@ def full_adder(builder: Any, a: Any, b: Any, c: Any) -> Any:
     """Sum and carry of three one-bit numbers, for all bits at once: a xor b xor c, and at least two of a, b, c."""
     either = builder.xor(a, b)
     if _has_ternary_logic():
-        truth_table = ir.Constant(_I32, 0b11101000)
-        carry = _call(builder, "llvm.x86.avx512.pternlog.d.512", _WORDS, a, b, c, truth_table)
+        carry = _call(builder, "llvm.x86.avx512.pternlog.d.512", _WORDS, a, b, c, ir.Constant(_I32, _CARRY))
     else:
         carry = builder.or_(builder.and_(a, b), builder.and_(either, c))
     return builder.xor(either, c), carry
@@ -203,17 +207,17 @@ def full_adder(builder: Any, a: Any, b: Any, c: Any) -> Any:
 def add_bit(builder: Any, sums: Any, words: Any, bit: Any) -> Any:
     """Four byte counters a lane: sums + ((words >> bit) & 0x01010101), so that byte j counts bit (bit + 8 j)."""
     shifted = builder.lshr(words, _splat(builder, bit, _WORDS))
-    return builder.add(sums, builder.and_(shifted, _constant(0x01010101)))
+    return builder.add(sums, builder.and_(shifted, _constant(_LOWEST_BITS)))
 
 
 @_operation(types.void, CountPointer, types.int64, Words, types.int64)
 def add_bytes(builder: Any, counts: Any, bit: Any, sums: Any, worth: Any) -> None:
     """For each byte j of the lanes: counts[bit + 8 j] += worth x (the sum of that byte over the lanes)."""
     for odd in range(2):
-        pairs_of_bytes = builder.and_(builder.lshr(sums, _constant(8 * odd)), _constant(0x00FF00FF))
+        pairs_of_bytes = builder.and_(builder.lshr(sums, _constant(8 * odd)), _constant(_EVEN_BYTES))
         total = _call(builder, "llvm.vector.reduce.add.v16i32", _I32, pairs_of_bytes)
-        low = builder.and_(total, ir.Constant(_I32, 0xFFFF))
-        high = builder.lshr(total, ir.Constant(_I32, 16))
+        low = builder.and_(total, ir.Constant(_I32, (1 << _HALF_BITS) - 1))
+        high = builder.lshr(total, ir.Constant(_I32, _HALF_BITS))
         for byte, sum_of_byte in ((odd, low), (odd + 2, high)):
             address = builder.gep(counts, [builder.add(bit, ir.Constant(_I64, 8 * byte))])
             amount = builder.mul(worth, builder.zext(sum_of_byte, _I64))

@@ -20,6 +20,9 @@ from fractal_farm.ifs.kernel import kernel
 MAX_WORDS = 64
 MAX_CELLS = 2**32
 _HALF = 0.5
+_FIRST_POINTS = 1024  # room at the start; it doubles
+_BIT_BITS = 6  # 64 cells a word
+_BIT_MASK = (1 << _BIT_BITS) - 1
 
 
 class Cells(NamedTuple):
@@ -66,8 +69,8 @@ def search_cells(cells: Cells, enclosure: Enclosure, spacing: float, max_points:
 @kernel
 def _search(words, start, lower, spacing, shape, max_points):  # type: ignore[no-untyped-def]
     """The search; returns points (m, 3) and whether they are complete."""
-    seen = np.zeros((shape[0] * shape[1] * shape[2] + 63) // 64, np.uint64)
-    points = np.empty((min(1024, max_points), 3))
+    seen = np.zeros((shape[0] * shape[1] * shape[2] >> _BIT_BITS) + 1, np.uint64)
+    points = np.empty((min(_FIRST_POINTS, max_points), 3))
     points[0] = start
     count = 1
     done = 0
@@ -82,10 +85,10 @@ def _search(words, start, lower, spacing, shape, max_points):  # type: ignore[no
             j = min(max(int((v - lower[1]) / spacing), 0), shape[1] - 1)
             m = min(max(int((w - lower[2]) / spacing), 0), shape[2] - 1)
             index = (i * shape[1] + j) * shape[2] + m
-            bit = np.uint64(1) << np.uint64(index & 63)
-            if seen[index >> 6] & bit:
+            bit = np.uint64(1) << np.uint64(index & _BIT_MASK)
+            if seen[index >> _BIT_BITS] & bit:
                 continue
-            seen[index >> 6] |= bit
+            seen[index >> _BIT_BITS] |= bit
             if count == max_points:
                 return points, False
             if count == len(points):

@@ -33,6 +33,12 @@ from fractal_farm.ifs.support import longest_side, tighten_box
 
 MAX_POINTS = 5_000_000
 MAX_BOX_NODES = 500_000
+_BOX_TOLERANCE = 1e-3  # of the longest side; the box of a cover only lays out the cells of a search
+_MARGIN = 1.01  # over what is known to be within reach
+_ROUNDING = 1e-9
+_STACK = 256
+_WORD = 13  # twelve numbers of the map, and its contraction
+_FIRST_POINTS = 1024  # room at the start; it doubles
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -60,7 +66,7 @@ def attractor_bounds(genome: Genome | npt.ArrayLike, tolerance: float) -> FloatA
         raise FarmError(
             f"the box of design {valid.design_id[:8]} is known to {reached:.3g} only, not to {tolerance:.3g}: its maps "
             f"overlap heavily (similarity dimension {similarity_dimension(valid):.1f}); ask for a tolerance of "
-            f"{1.01 * reached:.3g} or more"
+            f"{_MARGIN * reached:.3g} or more"
         )
     return enclosure.box
 
@@ -85,7 +91,7 @@ def attractor_cover(genome: Genome | npt.ArrayLike, radius: float, max_points: i
         raise InputError(f"radius is {radius}; give a length above 0 in IFS units")
     if max_points < 1:
         raise InputError(f"max_points is {max_points}; allow at least 1")
-    enclosure = enclosure_of(valid, 1e-3, 0.0)
+    enclosure = enclosure_of(valid, _BOX_TOLERANCE, 0.0)
     points = cut_set_of(valid, enclosure, radius, max_points)
     if points is None:
         cells = cells_of(system_of(valid).maps, valid.n_maps, enclosure)
@@ -117,7 +123,7 @@ def cut_set_of(genome: Genome, enclosure: Enclosure, radius: float, max_points: 
     reach = float(enclosure.anchor[3])
     if genome.phenotype.family == "similarity" and reach > radius:
         words = similarity_dimension(genome) * math.log(reach / radius)
-        if words > math.log(max_points) + 1e-9:
+        if words > math.log(max_points) + _ROUNDING:
             return None
     points, complete = cut_set(system_of(genome).maps, genome.n_maps, enclosure, radius, max_points)
     return points if complete else None
@@ -139,16 +145,16 @@ def cut_set(maps, n_maps, enclosure, radius, max_points):  # type: ignore[no-unt
     """
     anchor = enclosure.anchor
     small = radius / anchor[3] if anchor[3] > radius else 1.0
-    stack = np.empty((256, 13))
+    stack = np.empty((_STACK, _WORD))
     make_identity(stack[0])
     stack[0, 12] = 1.0
     height = 1
-    points = np.empty((min(1024, max_points), 3))
+    points = np.empty((min(_FIRST_POINTS, max_points), 3))
     count = 0
-    word = np.empty(13)
+    word = np.empty(_WORD)
     while height > 0:
         height -= 1
-        copy_numbers(stack[height], word, 13)
+        copy_numbers(stack[height], word, _WORD)
         size = contraction_of(word, word[12], enclosure.exact[0])
         if size <= small:
             if count == max_points:

@@ -22,6 +22,8 @@ from fractal_farm.ifs.system import fixed_point
 LEAVES = 256
 _ROUNDS = 4
 _CENTRE_STEPS = 48
+_ROUNDED_UP = 1.0 + 1e-12  # times a computed norm is never below the true one
+_EQUAL = 1e-9  # relative difference of singular values that rounding can make
 _determinant = kernel(determinant)
 _largest_singular_value = kernel(largest_singular_value)
 
@@ -80,7 +82,7 @@ def enclose(maps, n_maps, enclosure):  # type: ignore[no-untyped-def]
     for i in range(n_maps):
         m = maps[i]
         norm = _largest_singular_value(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10])
-        enclosure.contraction[i] = min(norm * (1.0 + 1e-12), 0.5 + 0.5 * norm)
+        enclosure.contraction[i] = min(norm * _ROUNDED_UP, 0.5 + 0.5 * norm)
         fixed_point(m, fixed[i])
     enclosure.exact[0] = _similar(maps, n_maps)
     for i in range(n_maps):
@@ -220,7 +222,7 @@ def _similar(maps, n_maps):  # type: ignore[no-untyped-def]
         m = maps[i]
         volume = abs(_determinant(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]))
         norm = _largest_singular_value(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10])
-        if volume < (1.0 - 1e-9) * norm * norm * norm:
+        if volume < (1.0 - _EQUAL) * norm * norm * norm:
             return False
     return True
 
@@ -231,7 +233,7 @@ def contraction_of(word, product, exact):  # type: ignore[no-untyped-def]
     if exact:
         return product
     norm = _largest_singular_value(word[0], word[1], word[2], word[4], word[5], word[6], word[8], word[9], word[10])
-    return min(product, norm * (1.0 + 1e-12))
+    return min(product, norm * _ROUNDED_UP)
 
 
 @kernel

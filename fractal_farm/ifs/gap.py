@@ -35,6 +35,7 @@ MAX_PIECES = 65_536
 MAX_PAIRS = 65_536
 MAX_BOX_NODES = 4_000
 _POINT = 1e-12
+_SMALLEST = 1e-300  # distance whose reciprocal is still a number
 
 
 class GapWorkspace(NamedTuple):
@@ -304,7 +305,7 @@ def _push(height, a, b, limit, pieces, keys, pairs):  # type: ignore[no-untyped-
     if key >= limit:
         return height
     if key <= 0.0:
-        key = -1.0 / max(_apart(a, b, pieces), 1e-300)
+        key = -1.0 / max(_apart(a, b, pieces), _SMALLEST)
     place = height
     while place > 0:
         above = (place - 1) >> 1

@@ -27,6 +27,9 @@ MAX_MAPS = 8
 ROW_LENGTH: dict[str, int] = {"similarity": 7, "affine": 12}
 GENE_NAMES = ("alpha_p", "alpha_y", "alpha_r", "rho", "d1", "d2", "d3")
 RHO = 3
+_ID_BYTES = 16
+_HASH_DIGITS = 15  # of 60 bits, which Python keeps
+_SUM_TOLERANCE = 1e-9
 
 
 class Refusal(enum.IntEnum):
@@ -35,6 +38,8 @@ class Refusal(enum.IntEnum):
     NONE = 0
     NOT_FINITE = 1
     NOT_A_CONTRACTION = 2
+    SET_ASIDE = 3
+    """Its evaluation died, or exceeded its bound, each time that it ran alone."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,7 @@ class Genome:
         return isinstance(other, Genome) and self.design_id == other.design_id
 
     def __hash__(self) -> int:
-        return int(self.design_id[:15], 16)
+        return int(self.design_id[:_HASH_DIGITS], base=16)
 
 
 def as_genome(value: Genome | npt.ArrayLike, name: str = "genome") -> Genome:
@@ -154,11 +159,11 @@ def design_id(genes: FloatArray, phenotype: Phenotype, probabilities: tuple[floa
         f"|{len(rows)}x{len(rows[0])}|{probabilities is not None}|"
     )
     body = b"".join(struct.pack(f"<{len(row)}d", *row) for row in rows)
-    return hashlib.blake2b(head.encode() + body, digest_size=16, person=b"farm-design-1").hexdigest()
+    return hashlib.blake2b(head.encode() + body, digest_size=_ID_BYTES, person=b"farm-design-1").hexdigest()
 
 
 def _check_probabilities(probabilities: tuple[float, ...], n_maps: int, name: str) -> None:
     if len(probabilities) != n_maps:
         raise InputError(f"{name}: {len(probabilities)} probabilities for {n_maps} maps; give one for each map")
-    if not all(math.isfinite(p) and p > 0.0 for p in probabilities) or abs(sum(probabilities) - 1.0) > 1e-9:
+    if not all(math.isfinite(p) and p > 0.0 for p in probabilities) or abs(sum(probabilities) - 1.0) > _SUM_TOLERANCE:
         raise InputError(f"{name}: probabilities {probabilities}; each must be above 0 and their sum 1")

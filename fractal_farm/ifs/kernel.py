@@ -3,13 +3,15 @@
 Kernels release the GIL, use numpy's error model (no exceptions from inside a kernel), never fastmath (bits must not
 depend on the instruction set), and are cached in a node-local directory. numba checks only the file that defines a
 function, so a change in a callee of another file would go unseen: the directory is therefore keyed by a hash of all
-sources that the kernels of a package can call (its own and those of `ifs`).
+sources that the kernels of a package can call (its own and those of `ifs`). Where no directory can be written to,
+kernels are compiled in every process.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import logging
 import os
 import tempfile
 from collections.abc import Callable
@@ -34,34 +36,58 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(kernel, **options)
     directory = cache_directory(function.__module__)
-    numba.config.CACHE_DIR = str(directory)  # type: ignore[attr-defined]
+    cached = directory is not None
+    if cached:
+        numba.config.CACHE_DIR = str(directory)  # type: ignore[attr-defined]
     njit: Any = numba.njit  # its type does not know no_cfunc_wrapper, which spares a third of the compile time
-    return njit(nogil=True, cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    return njit(nogil=True, cache=cached, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
 
 
-def cache_directory(module: str) -> Path:
+def cache_directory(module: str) -> Path | None:
     """Where the compiled kernels of a module are kept: `<cache root>/<hash of the sources they can call>`."""
     parts = module.split(".")
     own = parts[1] if len(parts) > 2 and parts[0] == "fractal_farm" else "ifs"
-    return cache_root() / _sources_hash(own)
+    root = cache_root()
+    return None if root is None else root / _sources_hash(own)
 
 
 @functools.cache
-def cache_root() -> Path:
-    """The first writable of $NUMBA_CACHE_DIR, the user's cache directory and the temporary directory."""
+def cache_root() -> Path | None:
+    """The first writable of $NUMBA_CACHE_DIR, the user's cache directory and the temporary directory; None if none is.
+
+    If it is not the first, one line on the log says so.
+    """
     candidates = []
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         candidates.append(Path(given))
-    home = os.environ.get("XDG_CACHE_HOME", "~/.cache")
-    candidates.append(Path(home).expanduser() / "fractal_farm" / "kernels")
-    for directory in candidates:
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(directory, os.W_OK | os.X_OK):
-            return directory
-    return Path(tempfile.gettempdir()) / f"fractal_farm-{os.getuid()}" / "kernels"
+    candidates.append(Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "fractal_farm" / "kernels")
+    candidates.append(Path(tempfile.gettempdir()) / f"fractal_farm-{os.getuid()}" / "kernels")
+    found = next((place for place in map(_expanded, candidates) if place and _is_writable(place)), None)
+    if found != _expanded(candidates[0]):
+        instead = f"kernels are kept in {found}" if found else "every process compiles its kernels anew (a minute)"
+        logging.getLogger("fractal_farm").warning(
+            "farm: cannot write to the kernel cache %s; %s. Set NUMBA_CACHE_DIR to a directory that can be written to.",
+            candidates[0],
+            instead,
+        )
+    return found
+
+
+def _expanded(place: Path) -> Path | None:
+    try:
+        return place.expanduser().absolute()
+    except RuntimeError:  # no home
+        return None
+
+
+def _is_writable(directory: Path) -> bool:
+    """Whether files can be made there; root may write anywhere but on a read-only file system, so it is tried."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            return True
+    except OSError:
+        return False
 
 
 @functools.cache

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 
+_SMALLEST = 1e-300  # spread of the eigenvalues whose cube is still a number
+
 
 def largest_singular_value(
     a00: float,
@@ -35,7 +37,7 @@ def largest_singular_value(
     c11 = b11 - mean
     c22 = b22 - mean
     spread = math.sqrt((c00 * c00 + c11 * c11 + c22 * c22 + 2.0 * (b01 * b01 + b02 * b02 + b12 * b12)) / 6.0)
-    if spread <= 1e-300:
+    if spread <= _SMALLEST:
         return math.sqrt(max(mean, 0.0))
     half = (c00 * (c11 * c22 - b12 * b12) - b01 * (b01 * c22 - b12 * b02) + b02 * (b01 * b12 - c11 * b02)) / (
         2.0 * spread * spread * spread

@@ -23,6 +23,12 @@ from fractal_farm.ifs.system import build_system, new_system, reading_of
 STEPS = 65535
 _DIGIT_BITS = 12
 _BUCKETS = 1 << _DIGIT_BITS
+_DIGITS = 4  # of a 48-bit key
+# The bits of a 16-bit number in groups of 8, 4, 2 and 1, with gaps of twice as many zeros.
+_BY_8 = np.uint64(0x0000FF0000FF)
+_BY_4 = np.uint64(0x00F00F00F00F)
+_BY_2 = np.uint64(0x0C30C30C30C3)
+_BY_1 = np.uint64(0x249249249249)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,20 +287,20 @@ def _rounded_down(x):  # type: ignore[no-untyped-def]
 @kernel(inline="always")
 def _spread(x):  # type: ignore[no-untyped-def]
     """The 16 bits of x, two zeros between any two of them."""
-    x = (x | (x << np.uint64(16))) & np.uint64(0x0000FF0000FF)
-    x = (x | (x << np.uint64(8))) & np.uint64(0x00F00F00F00F)
-    x = (x | (x << np.uint64(4))) & np.uint64(0x0C30C30C30C3)
-    return (x | (x << np.uint64(2))) & np.uint64(0x249249249249)
+    x = (x | (x << np.uint64(16))) & _BY_8
+    x = (x | (x << np.uint64(8))) & _BY_4
+    x = (x | (x << np.uint64(4))) & _BY_2
+    return (x | (x << np.uint64(2))) & _BY_1
 
 
 @kernel(inline="always")
 def _gathered(x):  # type: ignore[no-untyped-def]
     """Inverse of `_spread`."""
-    x = x & np.uint64(0x249249249249)
-    x = (x | (x >> np.uint64(2))) & np.uint64(0x0C30C30C30C3)
-    x = (x | (x >> np.uint64(4))) & np.uint64(0x00F00F00F00F)
-    x = (x | (x >> np.uint64(8))) & np.uint64(0x0000FF0000FF)
-    return (x | (x >> np.uint64(16))) & np.uint64(0xFFFF)
+    x = x & _BY_1
+    x = (x | (x >> np.uint64(2))) & _BY_2
+    x = (x | (x >> np.uint64(4))) & _BY_4
+    x = (x | (x >> np.uint64(8))) & _BY_8
+    return (x | (x >> np.uint64(16))) & np.uint64(STEPS)
 
 
 @kernel
@@ -303,7 +309,7 @@ def _sort(keys, spare, counts):  # type: ignore[no-untyped-def]
     n = keys.shape[0]
     mask = np.uint64(_BUCKETS - 1)
     source, target = keys, spare
-    for digit in range(4):
+    for digit in range(_DIGITS):
         shift = np.uint64(digit * _DIGIT_BITS)
         counts[:] = 0
         for i in range(n):

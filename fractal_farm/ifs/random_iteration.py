@@ -13,10 +13,22 @@ import numpy.typing as npt
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.genome import Genome, as_genome
 from fractal_farm.ifs.kernel import kernel
-from fractal_farm.ifs.system import System, build_system, new_system, reading_of, scramble
+from fractal_farm.ifs.system import (
+    FIRST_FACTOR,
+    FIRST_SHIFT,
+    NEXT_FACTOR,
+    NEXT_SHIFT,
+    System,
+    build_system,
+    new_system,
+    reading_of,
+    scramble,
+)
 
 PURPOSES = {"fitness": 0, "display": 1, "repeat": 2}
 GENERATOR_VERSION = "ria-1"
+_INCREMENT = np.uint32(0x9E3779B9)  # 2^32 over the golden ratio: the counter visits all words
+_LARGEST = np.uint32(0xFFFFFFFF)
 
 
 def attractor_points(
@@ -92,15 +104,15 @@ def iterate(maps, thresholds, n_maps, start, first, second, points):  # type: ig
     y = start[1]
     z = start[2]
     low = thresholds[0]
-    high = thresholds[1] if n_maps > 2 else np.uint32(0xFFFFFFFF)
+    high = thresholds[1] if n_maps > 2 else _LARGEST
     counter = np.uint32(first)
     for t in range(points.shape[1]):
-        counter = np.uint32(counter + np.uint32(0x9E3779B9))
-        draw = counter ^ (counter >> np.uint32(16))
-        draw = np.uint32(draw * np.uint32(0x21F0AAAD)) ^ np.uint32(second)
-        draw ^= draw >> np.uint32(15)
-        draw = np.uint32(draw * np.uint32(0x735A2D97))
-        draw ^= draw >> np.uint32(15)
+        counter = np.uint32(counter + _INCREMENT)
+        draw = counter ^ (counter >> FIRST_SHIFT)
+        draw = np.uint32(draw * FIRST_FACTOR) ^ np.uint32(second)
+        draw ^= draw >> NEXT_SHIFT
+        draw = np.uint32(draw * NEXT_FACTOR)
+        draw ^= draw >> NEXT_SHIFT
         k = np.uint64(draw >= low)
         if n_maps > 2:
             k += np.uint64(draw >= high)

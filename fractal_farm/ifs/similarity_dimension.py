@@ -14,6 +14,7 @@ from fractal_farm.ifs.genome import RHO, Genome, as_genome
 from fractal_farm.ifs.linear_algebra import largest_singular_value
 
 _NEWTON_STEPS = 100
+_CONVERGED = 1e-15
 
 
 def similarity_dimension(genome: Genome | npt.ArrayLike) -> float:
@@ -52,7 +53,7 @@ def solve_moran(ratios: list[float]) -> float:
             total += power
             slope += power * logarithm
         step = (1.0 - total) / slope
-        if not step > 1e-15 * s:
+        if not step > _CONVERGED * s:
             break
         s += step
     return s

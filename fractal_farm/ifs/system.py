@@ -17,6 +17,14 @@ from fractal_farm.ifs.genome import MAX_MAPS, Phenotype, Refusal
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.linear_algebra import determinant, largest_singular_value
 
+# Constants of a 32-bit mixer of low bias (Wellons' hash prospecting), shared with the random iteration.
+FIRST_SHIFT = np.uint32(16)
+NEXT_SHIFT = np.uint32(15)
+FIRST_FACTOR = np.uint32(0x21F0AAAD)
+NEXT_FACTOR = np.uint32(0x735A2D97)
+_FIRST_SEED = np.uint32(0x8F1BBCDC)
+_SECOND_SEED = np.uint32(0xCA62C1D6)
+_WORDS = 2.0**32  # number of 32-bit words
 _NOT_FINITE = int(Refusal.NOT_FINITE)
 _NOT_A_CONTRACTION = int(Refusal.NOT_A_CONTRACTION)
 _determinant = kernel(determinant)
@@ -121,7 +129,7 @@ def build_system(genes, n_maps, reading, by_hand, system):  # type: ignore[no-un
     likeliest = 0
     for i in range(n_maps):
         cumulative += system.probabilities[i]
-        system.thresholds[i] = np.uint32(min(cumulative * 4294967296.0, 4294967295.0))
+        system.thresholds[i] = np.uint32(min(cumulative * _WORDS, _WORDS - 1.0))
         if system.probabilities[i] > system.probabilities[likeliest]:
             likeliest = i
     fixed_point(system.maps[likeliest], system.start)
@@ -232,8 +240,8 @@ def fixed_point(m, out):  # type: ignore[no-untyped-def]
 @kernel
 def _content_keys(words, n_maps, columns, out):  # type: ignore[no-untyped-def]
     """Two 32-bit hashes of the canonical rows, word by word, in 32-bit operations that a browser has too."""
-    first = np.uint32(0x8F1BBCDC)
-    second = np.uint32(0xCA62C1D6)
+    first = _FIRST_SEED
+    second = _SECOND_SEED
     for i in range(n_maps):
         for j in range(2 * columns):
             first = scramble(first ^ words[i, j])
@@ -244,10 +252,10 @@ def _content_keys(words, n_maps, columns, out):  # type: ignore[no-untyped-def]
 
 @kernel(inline="always")
 def scramble(x):  # type: ignore[no-untyped-def]
-    """A bijective 32-bit mixer of low bias (constants of Wellons' hash prospecting)."""
+    """A bijective 32-bit mixer."""
     x = np.uint32(x)
-    x ^= x >> np.uint32(16)
-    x = np.uint32(x * np.uint32(0x21F0AAAD))
-    x ^= x >> np.uint32(15)
-    x = np.uint32(x * np.uint32(0x735A2D97))
-    return np.uint32(x ^ (x >> np.uint32(15)))
+    x ^= x >> FIRST_SHIFT
+    x = np.uint32(x * FIRST_FACTOR)
+    x ^= x >> NEXT_SHIFT
+    x = np.uint32(x * NEXT_FACTOR)
+    return np.uint32(x ^ (x >> NEXT_SHIFT))
