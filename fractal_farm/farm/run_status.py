@@ -94,7 +94,7 @@ class RunMonitor:
         stop = started.get("stop") or (history.config.stop.model_dump() if history.config else {})
         samples = history.samples()
         state, reason = _state(history, live)
-        left = _time_left(samples, stop, now - _heard(history, now)) if state == "running" else None
+        left = time_left(samples, stop, now - _heard(history, now)) if state == "running" else None
         wall = history.config.solids.wall_mm / history.config.solids.size_mm if history.config else 0.0
         meshes = _readable(lambda: len(catalogue.solids()), damage)
         islands, window = _islands(history)
@@ -154,7 +154,7 @@ def _rate_now(samples: list[Sample]) -> float | None:
     return float((recent[-1][1]["evaluated"] - recent[0][1]["evaluated"]) / (recent[-1][0] - recent[0][0]))
 
 
-def _time_left(samples: list[Sample], stop: dict[str, Any], since_s: float) -> tuple[float, str] | None:
+def time_left(samples: list[Sample], stop: dict[str, Any], since_s: float) -> tuple[float, str] | None:
     """Seconds until the limit that comes first, at the pace of the last half of the run, and its name."""
     found = []
     elapsed_s = samples[-1][0] if samples else 0.0
