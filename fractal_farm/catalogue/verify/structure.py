@@ -14,6 +14,7 @@ from fractal_farm.catalogue.verify.contents import Contents, named_checksum
 from fractal_farm.catalogue.verify.findings import Finding
 
 SHEET = "catalogue.png"
+REPORT = "report.html"
 GROW = "`farm verify --repair` grows the clouds again from their genomes"
 _RESUME = "`farm resume` removes it, `farm verify --repair` moves it aside"
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")
@@ -27,7 +28,7 @@ def structure_findings(contents: Contents) -> Iterator[Finding]:
     yield from _epochs(contents)
     yield from _clouds(contents)
     yield from _solids(contents)
-    yield from _sheet(contents)
+    yield from _pictures(contents)
     yield from _unknown(contents)
 
 
@@ -160,12 +161,15 @@ def _solids(contents: Contents) -> Iterator[Finding]:
                 yield Finding(solid, "solid", problem, remake, concerned)
 
 
-def _sheet(contents: Contents) -> Iterator[Finding]:
-    """The picture that each end of a run with designs leaves."""
+def _pictures(contents: Contents) -> Iterator[Finding]:
+    """What each end of a run with designs leaves; a report came with a later version and may be missing."""
+    again = "`farm verify --repair` makes it again"
     ended = any(key.startswith(f"{RUNS}/") and "/final~" in key for key in contents.sizes)
-    if ended and SHEET not in contents.sizes and any(part.name.rows for part in contents.parts):
-        problem = "a directory stands in its place" if SHEET in contents.directories else "missing"
-        yield Finding(SHEET, "picture", problem, "`farm verify --repair` draws it again")
+    for key in (SHEET, REPORT):
+        if key in contents.directories:
+            yield Finding(key, "picture", "a directory stands in its place", again)
+        elif key == SHEET and ended and key not in contents.sizes and any(part.name.rows for part in contents.parts):
+            yield Finding(key, "picture", "missing", again)
 
 
 def _unknown(contents: Contents) -> Iterator[Finding]:
