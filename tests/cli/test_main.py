@@ -111,7 +111,7 @@ def test_doctor_reports_as_json() -> None:
     done = farm("doctor", "--json")
     report = json.loads(done.stdout)
     assert report["ok"] == (done.returncode == 0)
-    assert {"python", "ray", "cores", "memory", "disk", "/dev/shm", "kernels"} <= {c["name"] for c in report["checks"]}
+    assert {"python", "ray", "cores", "memory", "disk", "/dev/shm", "scores"} <= {c["name"] for c in report["checks"]}
     assert all(check["ok"] or check["remedy"] for check in report["checks"])
 
 
