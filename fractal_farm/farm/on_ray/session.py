@@ -50,6 +50,8 @@ def session(address: str | None, workers: int | None) -> Iterator[int]:
         os.environ.setdefault(name, value)
     if address is None:
         os.environ.setdefault("RAY_AUTH_MODE", "disabled")
+        # Without a cluster Ray binds to loopback; with one its servers listen on all addresses.
+        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
         os.environ.setdefault("RAY_TMPDIR", _short_temporary_directory())
     elif address != "auto":
         _check_reachable(address)
