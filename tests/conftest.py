@@ -18,5 +18,5 @@ def ray_cluster() -> Iterator[int]:
     """A real local cluster with two cores, started once; yields its number of cores."""
     from fractal_farm.farm.on_ray.session import session
 
-    with session(None, 2) as processors:
-        yield processors
+    with session(None, 2) as cluster:
+        yield cluster.processors

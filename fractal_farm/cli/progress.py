@@ -11,12 +11,14 @@ from typing import Any
 from fractal_farm.cli.output import byte_count, duration
 from fractal_farm.farm.events import (
     Callback,
+    Continued,
     Draining,
     EpochCompleted,
     Event,
     Fault,
     MeshFinished,
     PartCommitted,
+    Paused,
     Progress,
     RunEnded,
     RunStarted,
@@ -76,6 +78,10 @@ class RunView:
         elif isinstance(event, MeshFinished):
             self.meshes, self.wanted = event.done, event.wanted
             return f"no mesh of {event.design_id}: {event.failure}" if event.failure else None
+        elif isinstance(event, Paused):
+            return f"waiting: {event.cause}"
+        elif isinstance(event, Continued):
+            return f"going on: {event.reason}"
         elif isinstance(event, Draining):
             self.ending = "ending"
             return f"ending: {event.reason}; committing what is complete"

@@ -110,6 +110,20 @@ class Fault:
 
 
 @dataclass(frozen=True)
+class Paused:
+    """The run waits, and goes on by itself once the cause is gone."""
+
+    cause: str
+
+
+@dataclass(frozen=True)
+class Continued:
+    """The run goes on after a pause."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
 class Draining:
     """The run is asked to end: what is complete will be committed."""
 
@@ -129,7 +143,18 @@ class RunEnded:
     mesh_failures: int
 
 
-Event = RunStarted | EpochCompleted | PartCommitted | Migration | MeshFinished | Fault | Draining | RunEnded
+Event = (
+    RunStarted
+    | EpochCompleted
+    | PartCommitted
+    | Migration
+    | MeshFinished
+    | Fault
+    | Paused
+    | Continued
+    | Draining
+    | RunEnded
+)
 
 
 class Callback:

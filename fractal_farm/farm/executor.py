@@ -12,22 +12,30 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from fractal_farm.config import RunConfig
+from fractal_farm.catalogue.durable import StorageFullError
+from fractal_farm.config import EvolutionConfig, RunConfig
+from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.island import EpochRecord, IslandState, advance, drive
-from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, evaluate_candidates, make_solid
+from fractal_farm.evolution.island import Candidates, EpochRecord, IslandState, Scores, advance, drive
+from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, SetAside, evaluate_candidates, make_solid
 
 if TYPE_CHECKING:
     from fractal_farm.farm.publisher import Publisher
 
 Inbox = list[tuple[int, Designs]]
+Evaluate = Callable[[Candidates, EvolutionConfig], Scores]
+
+
+class ClusterLostError(FarmError):
+    """Those who worked are gone all together; what is committed is not."""
 
 
 @dataclass(frozen=True)
 class EpochDone:
-    """An island has finished an epoch."""
+    """An island has finished an epoch; `set_aside` are genomes that nobody could evaluate."""
 
     record: EpochRecord
+    set_aside: tuple[SetAside, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -59,11 +67,21 @@ class WorkLost:
     cause: str
 
 
-Finished = EpochDone | PartDone | MeshDone | WorkLost
+@dataclass(frozen=True)
+class NoRoom:
+    """A piece of work is done but cannot be stored until there is room; `cause` is one line about it."""
+
+    what: Part | MeshOrder
+    cause: str
+
+
+Finished = EpochDone | PartDone | MeshDone | WorkLost | NoRoom
 
 
 class Executor(Protocol):
     """Starts pieces of work and reports what has finished.
+
+    Every method may raise `ClusterLostError`.
 
     Attributes:
         name: "serial" or "ray".
@@ -99,8 +117,11 @@ class SerialExecutor:
     name = "serial"
     workers = 1
 
-    def __init__(self, config: RunConfig, new_publisher: Callable[[], Publisher]) -> None:
+    def __init__(
+        self, config: RunConfig, new_publisher: Callable[[], Publisher], evaluate: Evaluate = evaluate_candidates
+    ) -> None:
         self._config = config
+        self._evaluate = evaluate
         self._publisher = new_publisher()
         self._epochs: deque[tuple[int, int, Inbox, IslandState]] = deque()
         self._parts: deque[Part] = deque()
@@ -126,18 +147,25 @@ class SerialExecutor:
     def wait(self, timeout_s: float) -> list[Finished]:  # noqa: ARG002 - there is nothing to wait for
         """Do the next piece of work."""
         if self._parts:
-            return [PartDone(self._publisher.publish(self._parts.popleft()))]
+            part = self._parts.popleft()
+            try:
+                return [PartDone(self._publisher.publish(part))]
+            except StorageFullError as error:
+                return [NoRoom(part, str(error))]
         if self._epochs:
             island, epoch, inbox, state = self._epochs.popleft()
             config = self._config.evolution
             steps = advance(state, inbox, config, island, epoch)
-            return [EpochDone(drive(steps, lambda block: evaluate_candidates(block, config)))]
+            return [EpochDone(drive(steps, lambda block: self._evaluate(block, config)))]
         if self._meshes:
             order = self._meshes.popleft()
             started = time.monotonic()
             files, failure = make_solid(order)
             if failure is None:
-                self._publisher.store_solid(order, files)
+                try:
+                    self._publisher.store_solid(order, files)
+                except StorageFullError as error:
+                    return [NoRoom(order, str(error))]
             return [MeshDone(order, time.monotonic() - started, failure)]
         return []
 

@@ -42,6 +42,11 @@ class MeshQueue:
         """Never mesh this one: it has its solid already."""
         self._seen.add(design_id)
 
+    @property
+    def left(self) -> bool:
+        """Whether a design waits, and the budget allows it."""
+        return bool(self._heap) and (self.limit is None or self.started < self.limit)
+
     def take(self, progress: float) -> MeshOrder | None:
         """The next design, if the share of the budget that goes with `progress` (0 .. 1) is not yet spent."""
         allowed = math.inf if self.limit is None else math.floor(self.limit * min(progress, 1.0))

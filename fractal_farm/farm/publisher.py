@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from fractal_farm.catalogue import Catalogue, RunWriter, design_table, write_snapshot
+from fractal_farm.catalogue import Catalogue, CommitReceipt, RunWriter, design_table, write_snapshot
+from fractal_farm.catalogue.fence import writing
+from fractal_farm.catalogue.parts import list_parts, read_footer
 from fractal_farm.config import RunConfig
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
 from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, sample_candidates
@@ -23,10 +25,12 @@ from fractal_farm.ifs.similarity_dimension import similarity_dimension
 
 
 class Publisher:
-    """One writer of a run, for the life of one process."""
+    """One writer of a run, for the life of one process, as long as the fence lets it write (`catalogue.fence`)."""
 
-    def __init__(self, root: Path, config: RunConfig, node: str, attempt: int) -> None:
+    def __init__(self, root: Path, config: RunConfig, node: str, attempt: int, token: str) -> None:
         self._root = root
+        self._token = token
+        self._last: tuple[tuple[int, int], CommitReceipt] | None = None
         self._run_id = config.run_id
         self._evolution = config.evolution
         self._phenotype = config.evolution.phenotype.phenotype()
@@ -49,7 +53,12 @@ class Publisher:
         quantised_attractors([genome], self._points)
 
     def publish(self, part: Part) -> PartReceipt:
-        """Make a part durable: clouds first, then the manifest part, whose appearance is the commit."""
+        """Make a part durable: clouds first, then the manifest part, whose appearance is the commit.
+
+        Raises:
+            StorageFullError: no space left; the same call may be repeated once there is.
+            FarmError: the file system failed, or a later session has taken over.
+        """
         _, first = np.unique(part.rows["design_id"], return_index=True)
         rows = part.rows[np.sort(first)]
         kept = part.kept[np.sort(first)]
@@ -65,20 +74,31 @@ class Publisher:
                 for genome, is_kept in zip(genomes, kept, strict=True)
             ],
         }
-        receipt = self._writer.commit(
-            design_table(genomes, columns),
-            quantised_attractors(designs, self._points),
-            part.records,
-            (part.first_epoch, part.last_epoch),
-        )
-        if part.snapshot is not None:
-            write_snapshot(self._root, self._run_id, part.last_epoch, part.snapshot, self._durability)
+        epochs = (part.first_epoch, part.last_epoch)
+        table, clouds = design_table(genomes, columns), quantised_attractors(designs, self._points)
+        with writing(self._root, self._run_id, self._token):
+            receipt = self._committed(part, epochs) or self._writer.commit(table, clouds, part.records, epochs)
+            self._last = epochs, receipt
+            if part.snapshot is not None:
+                write_snapshot(self._root, self._run_id, part.last_epoch, part.snapshot, self._durability)
         known = {genome.design_id: value for genome, value in zip(genomes, gaps, strict=True) if value is not None}
         return PartReceipt(part.first_epoch, part.last_epoch, len(designs), receipt.files, receipt.bytes, known)
 
     def store_solid(self, order: MeshOrder, files: dict[str, bytes]) -> None:
-        """Put a finished solid into the catalogue."""
-        Catalogue.open(self._root).add_solid(order.genome.design_id, order.parameters.hash, files)
+        """Put a finished solid into the catalogue; see `publish` for what is raised."""
+        with writing(self._root, self._run_id, self._token):
+            Catalogue.open(self._root).add_solid(order.genome.design_id, order.parameters.hash, files)
+
+    def _committed(self, part: Part, epochs: tuple[int, int]) -> CommitReceipt | None:
+        """The receipt of epochs that are durable already: of a snapshot that found no room, or of a dead writer."""
+        if self._last is not None and self._last[0] == epochs:
+            return self._last[1]
+        for name in list_parts(self._root, self._run_id) if part.again else ():
+            footer = read_footer(self._root, name)
+            if footer.epochs == epochs:
+                written = sum(size for size, _ in footer.files.values())
+                return CommitReceipt(name.seq, name.rows, len(footer.files) + 1, written)
+        return None
 
 
 def _columns(rows: Designs) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import numpy as np
 from fractal_farm.evolution.designs import Designs
 from fractal_farm.evolution.island import EpochRecord, GenerationStatistics, IslandState
 from fractal_farm.farm.events import Progress
+from fractal_farm.farm.work import SetAside
 
 _INDEX = np.dtype(np.int32)
 
@@ -27,11 +28,13 @@ class Ledger:
         records: records of whole epochs, in the order (epoch, island); their `born` is empty when unpacked.
         progress: totals of the run after the last of these epochs.
         elapsed_s: seconds that all sessions had worked by then (not part of any result).
+        set_aside: genomes of these epochs that nobody could evaluate: (island, epoch, genome and reason).
     """
 
     records: list[EpochRecord]
     progress: Progress
     elapsed_s: float
+    set_aside: tuple[tuple[int, int, SetAside], ...] = ()
 
 
 def pack_ledger(ledger: Ledger) -> bytes:
@@ -39,6 +42,7 @@ def pack_ledger(ledger: Ledger) -> bytes:
     header = {
         "progress": asdict(ledger.progress),
         "elapsed_s": ledger.elapsed_s,
+        "set_aside": [[island, epoch, asdict(verdict)] for island, epoch, verdict in ledger.set_aside],
         "records": [
             {
                 "island": record.island,
@@ -78,7 +82,12 @@ def unpack_ledger(blob: bytes, dtype: np.dtype[Any]) -> Ledger:
                 entry["settled"],
             )
         )
-    return Ledger(records, Progress(**header["progress"]), header["elapsed_s"])
+    set_aside = tuple((island, epoch, _verdict(entry)) for island, epoch, entry in header.get("set_aside", ()))
+    return Ledger(records, Progress(**header["progress"]), header["elapsed_s"], set_aside)
+
+
+def _verdict(entry: dict[str, Any]) -> SetAside:
+    return SetAside(entry["design_id"], tuple(tuple(row) for row in entry["genes"]), entry["reason"])
 
 
 def read_summary(blob: bytes) -> dict[str, Any]:

@@ -6,42 +6,51 @@ the seed and the number of epochs, whoever did the work and however often it was
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError
-from fractal_farm.evolution.designs import Designs
 from fractal_farm.evolution.island import EpochRecord, IslandState
 from fractal_farm.farm.events import (
     Announcer,
+    Continued,
     Draining,
     EpochCompleted,
     Fault,
     MeshFinished,
     Migration,
     PartCommitted,
+    Paused,
     Progress,
 )
-from fractal_farm.farm.executor import EpochDone, Executor, Finished, MeshDone, PartDone, WorkLost
+from fractal_farm.farm.executor import (
+    ClusterLostError,
+    EpochDone,
+    Executor,
+    Finished,
+    MeshDone,
+    NoRoom,
+    PartDone,
+    WorkLost,
+)
+from fractal_farm.farm.limits import fraction_done, kept, patience_s, reached, totals_after
 from fractal_farm.farm.mesh_queue import MeshQueue
 from fractal_farm.farm.records import Ledger, pack_ledger, pack_states
+from fractal_farm.farm.room import Room
 from fractal_farm.farm.schedule import Schedule
-from fractal_farm.farm.work import MeshOrder, Part
+from fractal_farm.farm.work import MeshOrder, Part, SetAside
 from fractal_farm.ifs.genome import Genome
 from fractal_farm.solid import SolidParameters
 
 PART_DESIGNS = 256
 PART_SECONDS = 20.0
 SNAPSHOT_EPOCHS = 200
-STALL_SECONDS = 600.0
-_SECONDS_A_POINT = 4e-7  # a slow evaluation: 2 ms for 5,000 points
-_SLOTS_FOR_ONE = 4  # slots that one accepted offspring costs, at most, as a rule
+_FIRST_PART_SECONDS = 1.0
 _WAIT_SECONDS = 0.25
 _LOSSES_IN_A_ROW = 20
 _MESH_TRIES = 3
@@ -57,6 +66,7 @@ class _Group:
     progress: Progress = field(default_factory=Progress)
     designs: int = 0
     opened: float = 0.0
+    set_aside: list[tuple[int, int, SetAside]] = field(default_factory=list)
 
 
 class Run:
@@ -93,7 +103,7 @@ class Run:
         self._root = root
         self._executor = executor
         self._schedule = schedule
-        self.progress = progress
+        self.progress = self._committed = progress
         self._queue = queue
         self._meshes_before = queue.started
         self._announce = announce
@@ -103,6 +113,9 @@ class Run:
         self._parameters = SolidParameters(size_mm=config.solids.size_mm, wall_mm=config.solids.wall_mm)
         self._group = _Group(progress=progress)
         self._in_flight: tuple[Part, Progress] | None = None
+        self._withheld = False
+        self._set_aside: dict[int, list[tuple[int, int, SetAside]]] = {}
+        self._room = Room(root, config.catalogue.min_free_gb, self._tell_of_room)
         self._snapshot_epoch = schedule.complete
         self._meshing = 0
         self.meshes = 0
@@ -111,7 +124,7 @@ class Run:
         self._mesh_losses: dict[str, int] = {}
         self._started = self._moved = time.monotonic()
         self._evaluated_before = progress.evaluated
-        self._ending: str | None = self._reached(progress)
+        self._ending: str | None = reached(config, progress)
 
     def evolve(self) -> str:
         """Run until a limit or an interruption, and commit what is complete.
@@ -120,30 +133,37 @@ class Run:
             Why the evolution ended.
 
         Raises:
-            FarmError: no progress for a long time, or the work itself failed.
+            ClusterLostError: nobody is left to work, or nothing has finished for a long time.
+            FarmError: the work itself failed.
         """
         while self._ending is None or self._group.records or self._in_flight:
             if self._ending is None:
                 self._ending = self._why_end()
                 if self._ending is not None:
                     self._announce(Draining(self._ending))
+            if self._withheld and (reason := self._interrupted()) is not None:
+                self._give_up_what_has_no_room(reason)
+                break
             self._start_work()
-            finished = self._executor.wait(_WAIT_SECONDS)
-            for item in finished:
-                self._take(item)
-            self._check_moving(bool(finished))
+            self._hear()
+        assert self._ending is not None
         return self._ending
 
     def mesh_the_rest(self) -> None:
         """Make solids of the best designs until the budget is spent, the designs are, or somebody interrupts."""
-        while self._must_stop() is None:
-            self._start_meshes(1.0)
-            if not self._meshing:
+        while self._interrupted() is None:
+            short = self._room.is_short()
+            if not short or self._room.due:
+                self._start_meshes(1.0)
+            if not self._meshing and not (short and self._queue.left):
                 return
-            finished = self._executor.wait(_WAIT_SECONDS)
-            for item in finished:
-                self._take(item)
-            self._check_moving(bool(finished))
+            self._hear()
+
+    def _hear(self) -> None:
+        finished = self._executor.wait(_WAIT_SECONDS)
+        for item in finished:
+            self._take(item)
+        self._check_moving(bool(finished))
 
     @property
     def elapsed_s(self) -> float:
@@ -153,24 +173,37 @@ class Run:
     def _start_work(self) -> None:
         # The writer must keep up: nothing is started while a full part waits behind the one that is being written.
         backlog = self._in_flight is not None and self._group.designs >= _BACKLOG_DESIGNS
-        if self._ending is None and not backlog:
+        short = self._room.is_short()
+        if self._ending is None and not backlog and not short:
             for island, epoch in self._schedule.ready():
                 state = self._schedule.state[island]
                 self._executor.start_epoch(island, epoch, self._schedule.start(island, epoch), state)
-            self._start_meshes(self._fraction_done())
+            self._start_meshes(fraction_done(self._config, self.progress, self.elapsed_s))
+        if self._withheld and self._in_flight is not None and self._room.due:
+            self._withheld = False
+            self._executor.commit(self._in_flight[0])
         group = self._group
         if group.records and self._in_flight is None:
-            full = group.designs >= PART_DESIGNS or time.monotonic() - group.opened >= PART_SECONDS
+            full = group.designs >= PART_DESIGNS or time.monotonic() - group.opened >= self._part_seconds()
             if full or self._ending is not None:
                 self._commit(group)
+
+    def _part_seconds(self) -> float:
+        """Short at first: a session that is killed young has gone some way, too."""
+        age_s = time.monotonic() - self._started
+        return min(PART_SECONDS, max(_FIRST_PART_SECONDS, age_s / 4))
 
     def _take(self, item: Finished) -> None:
         if isinstance(item, EpochDone):
             self._losses = 0
+            self._take_verdicts(item)
             self._take_record(item.record)
         elif isinstance(item, PartDone):
             self._take_receipt(item)
+        elif isinstance(item, NoRoom):
+            self._wait_for_room(item)
         elif isinstance(item, MeshDone):
+            self._room.accept()
             self._meshing -= 1
             self.meshes += item.failure is None
             self.mesh_failures += item.failure is not None
@@ -181,6 +214,12 @@ class Run:
         else:
             self._start_again(item)
 
+    def _take_verdicts(self, done: EpochDone) -> None:
+        island, epoch = done.record.island, done.record.epoch
+        for verdict in done.set_aside:
+            self._set_aside.setdefault(epoch, []).append((island, epoch, verdict))
+            self._announce(Fault(f"genome {verdict.design_id}", verdict.reason, "it is set aside, with its reason"))
+
     def _take_record(self, record: EpochRecord) -> None:
         if self._ending is not None:
             return  # beyond the last epoch
@@ -189,44 +228,19 @@ class Run:
         for records, states in self._schedule.finish(record):
             if self._ending is not None:
                 return
-            progress = self._totals(records)
+            progress = totals_after(self._config, self.progress, records)
             self.progress = progress
             if not self._group.records:
                 self._group.opened = time.monotonic()
             self._group.records += records
+            self._group.set_aside += sorted(self._set_aside.pop(records[0].epoch, ()), key=lambda entry: entry[0])
             self._group.states = states
             self._group.designs += progress.designs - self._group.progress.designs
             self._group.progress = progress
             session_s = self.elapsed_s - self._elapsed_before
             rate = (progress.evaluated - self._evaluated_before) / max(session_s, 1e-9)
             self._announce(EpochCompleted(records[0].epoch, progress, self.elapsed_s, rate))
-            self._ending = self._reached(progress)
-
-    def _totals(self, records: list[EpochRecord]) -> Progress:
-        """The totals after one more epoch of all islands."""
-        entries = [entry for record in records for entry in record.statistics]
-        kept = sum(int(self._kept(record.born).sum()) for record in records)
-        qualified = sum(int((record.born["fitness"] > self._config.evolution.qualified).sum()) for record in records)
-        last = [record.statistics[-1] for record in records]
-        accepted = sum(entry.accepted for entry in last)
-        before = self.progress
-        return Progress(
-            epochs=before.epochs + 1,
-            evaluated=before.evaluated + sum(entry.evaluated for entry in entries),
-            accepted=before.accepted + sum(entry.accepted for entry in entries),
-            qualified=before.qualified + sum(entry.qualified for entry in entries),
-            designs=before.designs + kept,
-            kept_qualified=before.kept_qualified + qualified,
-            best_fitness=max(entry.best for entry in last),
-            mean_accepted=sum(entry.mean_accepted * entry.accepted for entry in last) / max(accepted, 1),
-            settled=before.settled + sum(record.settled for record in records),
-        )
-
-    def _kept(self, rows: Designs) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        evolution = self._config.evolution
-        if self._config.catalogue.keep == "accepted":
-            return np.asarray(rows["fitness"] >= evolution.elimination)
-        return np.asarray(rows["fitness"] > evolution.qualified)
+            self._ending = reached(self._config, progress)
 
     def _commit(self, group: _Group) -> None:
         rows = np.concatenate([record.born for record in group.records])
@@ -235,8 +249,8 @@ class Run:
         if last - self._snapshot_epoch >= SNAPSHOT_EPOCHS or self._ending is not None:
             snapshot = pack_states(group.states)
             self._snapshot_epoch = last
-        ledger = Ledger(group.records, group.progress, self.elapsed_s)
-        part = Part(rows, self._kept(rows), pack_ledger(ledger), group.records[0].epoch, last, snapshot)
+        ledger = Ledger(group.records, group.progress, self.elapsed_s, tuple(group.set_aside))
+        part = Part(rows, kept(self._config, rows), pack_ledger(ledger), group.records[0].epoch, last, snapshot)
         self._in_flight = (part, group.progress)
         self._group = _Group(progress=group.progress)
         self._executor.commit(part)
@@ -245,6 +259,8 @@ class Run:
         assert self._in_flight is not None
         part, progress = self._in_flight
         self._in_flight = None
+        self._room.accept()
+        self._committed = progress
         receipt = done.receipt
         self._files += receipt.files
         self._bytes += receipt.bytes
@@ -276,6 +292,24 @@ class Run:
             self._meshing += 1
             self._executor.mesh(order)
 
+    def _wait_for_room(self, refused: NoRoom) -> None:
+        self._room.refuse(refused.cause)
+        if isinstance(refused.what, Part):
+            self._withheld = True
+        else:
+            self._meshing -= 1
+            self._queue.again(refused.what)
+
+    def _give_up_what_has_no_room(self, reason: str) -> None:
+        """Somebody ends the run while the disk is full: it ends at its last commit, and can be resumed."""
+        assert self._in_flight is not None
+        self._ending = reason
+        self.progress = self._committed
+        self._group, self._in_flight = _Group(), None
+
+    def _tell_of_room(self, cause: str | None) -> None:
+        self._announce(Continued("there is room on the disk again") if cause is None else Paused(cause))
+
     def _start_again(self, lost: WorkLost) -> None:
         """What was lost to a dead process is started again, from what the run itself knows."""
         self._losses += 1
@@ -283,7 +317,9 @@ class Run:
             raise FarmError(f"workers died {self._losses} times in a row ({lost.cause}); see `farm doctor`")
         if isinstance(lost.what, Part):
             self._announce(Fault("writer", lost.cause, "the part is written again"))
-            self._executor.commit(lost.what)
+            assert self._in_flight is not None
+            self._in_flight = (replace(lost.what, again=True), self._in_flight[1])
+            self._executor.commit(self._in_flight[0])
         elif isinstance(lost.what, MeshOrder):
             identity = lost.what.genome.design_id
             self._mesh_losses[identity] = self._mesh_losses.get(identity, 0) + 1
@@ -302,62 +338,15 @@ class Run:
                 self._executor.start_epoch(island, epoch, inbox, self._schedule.state[island])
 
     def _why_end(self) -> str | None:
-        """Reasons that depend on the clock, the user or the disk: the run ends at its last complete epoch."""
+        """Reasons that depend on the clock or on somebody's wish: the run ends at its last complete epoch."""
         hours = self._config.stop.hours
         if hours is not None and self.elapsed_s >= 3600.0 * hours:
             return f"{hours:g} hours have passed"
-        return self._must_stop()
-
-    def _must_stop(self) -> str | None:
-        """Reasons that end the making of solids too."""
-        if (reason := self._interrupted()) is not None:
-            return reason
-        free = shutil.disk_usage(self._root).free
-        if free < self._config.catalogue.min_free_gb * 1e9:
-            return f"only {free / 1e9:.1f} GB of disk are free"
-        return None
-
-    def _reached(self, progress: Progress) -> str | None:
-        """Counting limits, tested on complete epochs alone: the same epoch for any order of work."""
-        stop = self._config.stop
-        limits = (
-            ("epochs", stop.epochs, progress.epochs),
-            ("evaluations", stop.evaluations, progress.evaluated),
-            ("qualified designs", stop.qualified, progress.kept_qualified),
-        )
-        for name, limit, value in limits:
-            if limit is not None and value >= limit:
-                return f"{value} {name}"
-        return None
-
-    def _fraction_done(self) -> float:
-        """How far the run is on its way to the nearest limit; 1 if there is none."""
-        stop = self._config.stop
-        shares = [
-            value / limit
-            for limit, value in (
-                (stop.epochs, self.progress.epochs),
-                (stop.evaluations, self.progress.evaluated),
-                (stop.qualified, self.progress.kept_qualified),
-                (stop.hours, self.elapsed_s / 3600.0),
-            )
-            if limit is not None
-        ]
-        return max(shares) if shares else 1.0
+        return self._interrupted()
 
     def _check_moving(self, moved: bool) -> None:
         now = time.monotonic()
-        if moved:
+        if moved or self._room.is_short():
             self._moved = now
-        elif now - self._moved > self._patience_s():
-            raise FarmError(
-                f"nothing has finished for {now - self._moved:.0f} s; see the Ray logs, then `farm resume {self._root}`"
-            )
-
-    def _patience_s(self) -> float:
-        """How long nothing may finish: many times what an epoch of all islands can take."""
-        evolution = self._config.evolution
-        generation = evolution.offspring or _SLOTS_FOR_ONE * (evolution.accepted or 1)
-        genomes = evolution.islands * (evolution.library.size + evolution.generations_per_epoch * generation)
-        epoch_s = genomes * _SECONDS_A_POINT * evolution.phenotype.points / self._executor.workers
-        return max(STALL_SECONDS, 10.0 * epoch_s)
+        elif now - self._moved > patience_s(self._config, self._executor.workers):
+            raise ClusterLostError(f"nothing has finished for {now - self._moved:.0f} s; see the Ray logs")

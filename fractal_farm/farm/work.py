@@ -35,6 +35,7 @@ class Part:
         first_epoch: first epoch covered.
         last_epoch: last epoch covered.
         snapshot: packed states after the last epoch, or None.
+        again: a writer that died had this part before, and may have made it durable.
     """
 
     rows: Designs
@@ -43,6 +44,22 @@ class Part:
     first_epoch: int
     last_epoch: int
     snapshot: bytes | None
+    again: bool = False
+
+
+@dataclass(frozen=True)
+class SetAside:
+    """A genome that nobody could evaluate, and why.
+
+    Attributes:
+        design_id: of the genome.
+        genes: its rows.
+        reason: how its evaluation ended each time when it ran alone.
+    """
+
+    design_id: str
+    genes: tuple[tuple[float, ...], ...]
+    reason: str
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue
 from fractal_farm.errors import InputError
 from fractal_farm.farm.events import EpochCompleted, MeshFinished, Migration, PartCommitted, RunEnded, RunStarted
-from fractal_farm.farm.sessions import restore
+from fractal_farm.farm.restore import restore
 from fractal_farm.fitness import evaluate
 from fractal_farm.ifs.random_iteration import attractor_points
 from tests.farm.runs import Recorder, small_config

@@ -7,9 +7,10 @@ evaluations go first.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import ray
@@ -18,11 +19,13 @@ from ray.exceptions import (
     ObjectLostError,
     OutOfMemoryError,
     RayActorError,
+    RayError,
     RayTaskError,
     WorkerCrashedError,
 )
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
+from fractal_farm.catalogue.durable import StorageFullError
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.island import (
@@ -34,13 +37,25 @@ from fractal_farm.evolution.island import (
     drive,
     library_after,
 )
-from fractal_farm.farm.executor import EpochDone, Finished, Inbox, MeshDone, PartDone, WorkLost
+from fractal_farm.farm.executor import (
+    ClusterLostError,
+    EpochDone,
+    Evaluate,
+    Finished,
+    Inbox,
+    MeshDone,
+    NoRoom,
+    PartDone,
+    WorkLost,
+)
+from fractal_farm.farm.on_ray.session import Cluster
+from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
 from fractal_farm.farm.work import (
     MeshOrder,
     Part,
     PartReceipt,
+    SetAside,
     evaluate_candidates,
-    joined,
     make_solid,
     sample_candidates,
     split,
@@ -50,34 +65,64 @@ from fractal_farm.farm.work import (
 _LOST = (RayActorError, WorkerCrashedError, OutOfMemoryError, NodeDiedError, ObjectLostError)
 _MESH_NICENESS = 10
 _MESH_WORKERS = 4
+_WARM_UP_SECONDS = 600.0
 
 
-def evaluate_batch(candidates: Candidates, config: EvolutionConfig) -> Scores:
-    """RIA and fitness of one batch."""
-    return evaluate_candidates(candidates, config)
+def evaluate_batch(evaluate: Evaluate, candidates: Candidates, config: EvolutionConfig) -> Scores:
+    """RIA and fitness of one batch; a worker that takes far longer than it can take dies of it."""
+    if config not in _warm:
+        evaluate(sample_candidates(config), config)
+        _warm.append(config)
+    with bounded(len(candidates.n_maps), config):
+        return evaluate(candidates, config)
+
+
+_warm: list[EvolutionConfig] = []
+"""Configurations whose kernels this worker has compiled, or loaded."""
 
 
 class Island:
     """One island; its library is a cache of what the run knows."""
 
-    def __init__(self, config: EvolutionConfig, island: int, batch_size: int | None) -> None:
+    def __init__(self, evaluate: Evaluate, config: EvolutionConfig, island: int, batch_size: int | None) -> None:
+        self._evaluate = evaluate
         self._config = config
         self._island = island
         self._batch_size = batch_size
         self._state: IslandState | None = None
 
-    def advance(self, epoch: int, inbox: Inbox, state: IslandState | None) -> EpochRecord | None:
+    def advance(
+        self, epoch: int, inbox: Inbox, state: IslandState | None
+    ) -> tuple[EpochRecord, tuple[SetAside, ...]] | None:
         """The record of an epoch; None when neither memory nor argument holds the state before it."""
         before = state if state is not None else self._state
         if before is None or before.epoch != epoch - 1:
             return None
-        record = drive(advance(before, inbox, self._config, self._island, epoch), self._evaluate)
-        self._state = IslandState(epoch, library_after(before.library, record))
-        return record
+        set_aside: list[SetAside] = []
 
-    def _evaluate(self, candidates: Candidates) -> Scores:
-        batches = split(candidates, self._batch_size)
-        return joined(ray.get([_EVALUATE.remote(batch, self._config) for batch in batches]))
+        def scores_of(candidates: Candidates) -> Scores:
+            batches = split(candidates, self._batch_size)
+            scores, verdicts = evaluate_with_care(batches, self._evaluate_all, self._try_alone, self._config)
+            set_aside.extend(verdicts)
+            return scores
+
+        record = drive(advance(before, inbox, self._config, self._island, epoch), scores_of)
+        self._state = IslandState(epoch, library_after(before.library, record))
+        return record, tuple(set_aside)
+
+    def _evaluate_all(self, batches: Sequence[Candidates]) -> list[Scores | None]:
+        calls = [_EVALUATE.remote(self._evaluate, batch, self._config) for batch in batches]
+        results: list[Scores | None] = []
+        for call in calls:
+            try:
+                results.append(ray.get(call))
+            except _LOST:
+                results.append(None)
+        return results
+
+    def _try_alone(self, single: Candidates) -> Scores | Death:
+        outcome: Scores | Death = ray.get(_TRIAL.remote(self._evaluate, single, self._config))
+        return outcome
 
 
 class Writer:
@@ -119,7 +164,8 @@ class Mesher:
 
 
 # Remote forms; Ray's decorators hide the types of what they wrap.
-_EVALUATE: Any = ray.remote(num_cpus=1, max_retries=-1)(evaluate_batch)
+_EVALUATE: Any = ray.remote(num_cpus=1, max_retries=0)(evaluate_batch)
+_TRIAL: Any = ray.remote(num_cpus=1, max_retries=-1)(trial)
 _ISLAND: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=0)(Island)
 _WRITER: Any = ray.remote(num_cpus=0, max_restarts=0)(Writer)
 _MESHER: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=2)(Mesher)
@@ -130,8 +176,16 @@ class RayExecutor:
 
     name = "ray"
 
-    def __init__(self, config: RunConfig, new_publisher: Callable[[], Any], processors: int) -> None:
-        self.workers = processors
+    def __init__(
+        self,
+        config: RunConfig,
+        new_publisher: Callable[[], Any],
+        cluster: Cluster,
+        evaluate: Evaluate = evaluate_candidates,
+    ) -> None:
+        self.workers = cluster.processors
+        self._cluster = cluster
+        self._evaluate = evaluate
         self._config = config.evolution
         self._batch_size = config.execution.batch_size
         self._new_publisher = new_publisher
@@ -143,30 +197,34 @@ class RayExecutor:
         self._pending: dict[Any, tuple[str, Any]] = {}
         # Kernels are compiled once and cached before many workers want them at the same time; the writer does its
         # own share meanwhile.
-        self._living_writer()
-        ray.get(_EVALUATE.remote(sample_candidates(config.evolution), config.evolution))
+        with self._watched():
+            self._living_writer()
+            self._warm_up(sample_candidates(config.evolution))
 
     def start_epoch(self, island: int, epoch: int, inbox: Inbox, state: IslandState) -> None:
         """Call the island's actor; the state travels only when the actor cannot have it."""
-        if island not in self._islands:
-            self._islands[island] = _ISLAND.remote(self._config, island, self._batch_size)
-        known = self._memory.get(island) == epoch - 1 and epoch > 0
-        call = self._islands[island].advance.remote(epoch, inbox, None if known else state)
+        with self._watched():
+            if island not in self._islands:
+                self._islands[island] = _ISLAND.remote(self._evaluate, self._config, island, self._batch_size)
+            known = self._memory.get(island) == epoch - 1 and epoch > 0
+            call = self._islands[island].advance.remote(epoch, inbox, None if known else state)
         self._pending[call] = ("epoch", (island, epoch))
 
     def commit(self, part: Part) -> None:
         """Hand a part to the writer, which works in order."""
-        self._pending[self._living_writer().publish.remote(part)] = ("part", part)
+        with self._watched():
+            self._pending[self._living_writer().publish.remote(part)] = ("part", part)
 
     def mesh(self, order: MeshOrder) -> None:
         """Give a solid to the mesh actor with the least to do."""
         busy = [what[1] for kind, what in self._pending.values() if kind == "mesh"]
         idle = [mesher for mesher in self._meshers if mesher not in busy]
-        if not idle:
-            idle = [_MESHER.remote()]
-            self._meshers += idle
-        made = idle[0].make.remote(order)
-        self._pending[self._living_writer().store_solid.remote(order, made)] = ("mesh", (order, idle[0]))
+        with self._watched():
+            if not idle:
+                idle = [_MESHER.remote()]
+                self._meshers += idle
+            made = idle[0].make.remote(order)
+            self._pending[self._living_writer().store_solid.remote(order, made)] = ("mesh", (order, idle[0]))
 
     @property
     def mesh_slots(self) -> int:
@@ -176,19 +234,53 @@ class RayExecutor:
 
     def wait(self, timeout_s: float) -> list[Finished]:
         """Whatever is ready, without regard to order."""
-        if not self._pending:
-            return []
-        ready, _ = ray.wait(list(self._pending), num_returns=1, timeout=timeout_s)
-        if ready:
-            more, _ = ray.wait(list(self._pending), num_returns=len(self._pending), timeout=0)
-            ready = more
-        return [self._finished(call, *self._pending.pop(call)) for call in ready]
+        with self._watched():
+            if not self._pending:
+                time.sleep(timeout_s)
+                return []
+            ready, _ = ray.wait(list(self._pending), num_returns=1, timeout=timeout_s)
+            if ready:
+                more, _ = ray.wait(list(self._pending), num_returns=len(self._pending), timeout=0)
+                ready = more
+            return [self._finished(call, *self._pending.pop(call)) for call in ready]
 
     def close(self) -> None:
         """Kill the actors; results in flight are not wanted any more."""
-        for actor in [*self._islands.values(), *self._meshers, *([self._writer] if self._writer else [])]:
-            ray.kill(actor)
         self._pending.clear()
+        if self._cluster.lost_now() is None:
+            for actor in [*self._islands.values(), *self._meshers, *([self._writer] if self._writer else [])]:
+                ray.kill(actor)
+
+    def _warm_up(self, candidates: Candidates) -> None:
+        deadline = time.monotonic() + _WARM_UP_SECONDS
+        while True:
+            call = _EVALUATE.remote(self._evaluate, candidates, self._config)
+            while not ray.wait([call], timeout=1.0)[0]:
+                self._check_cluster()
+                if time.monotonic() > deadline:
+                    raise FarmError(
+                        f"{self._cluster.name()}: no worker has evaluated anything for {_WARM_UP_SECONDS:.0f} s; "
+                        "see `ray status` whether it has processors that are free, and `farm doctor --ray`"
+                    )
+            with contextlib.suppress(*_LOST):
+                self._result(call)
+                return
+            self._check_cluster()
+
+    def _check_cluster(self) -> None:
+        if (reason := self._cluster.lost()) is not None:
+            raise ClusterLostError(f"{self._cluster.name()} is lost: {reason}")
+
+    @contextlib.contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Calls to Ray: whatever they raise when the cluster is gone says no more than that."""
+        self._check_cluster()
+        try:
+            yield
+        except (RayError, OSError, RuntimeError, ValueError):
+            if self._cluster.lost_now() is not None:
+                self._check_cluster()
+            raise
 
     def _living_writer(self) -> Any:
         if self._writer is None:
@@ -197,18 +289,18 @@ class RayExecutor:
 
     def _finished(self, call: Any, kind: str, what: Any) -> Finished:
         try:
-            result = ray.get(call)
+            result = self._result(call)
         except _LOST as error:
-            if kind != "epoch" and self._writer is not None and not self._alive(self._writer):
+            # When a whole cluster goes, its processes go one by one.
+            if self._cluster.lost_now() is not None:
+                self._check_cluster()
+            if kind == "part" or getattr(error, "actor_id", None) == self._writer_id():
                 self._writer = None
             if kind == "epoch":
                 self._memory.pop(what[0], None)
             return WorkLost(what[0] if kind == "mesh" else what, type(error).__name__)
-        except RayTaskError as error:
-            # Ray wraps what a task raised in the text of its traceback; our own messages say more.
-            if isinstance(error.cause, FarmError):
-                raise error.cause from None
-            raise
+        except StorageFullError as error:
+            return NoRoom(what[0] if kind == "mesh" else what, str(error))
         if kind == "part":
             return PartDone(result)
         if kind == "mesh":
@@ -219,12 +311,19 @@ class RayExecutor:
             self._memory.pop(island, None)
             return WorkLost(what, "its actor was restarted without the library")
         self._memory[island] = epoch
-        return EpochDone(result)
+        return EpochDone(*result)
+
+    def _writer_id(self) -> str | None:
+        return self._writer._actor_id.hex() if self._writer is not None else None
 
     @staticmethod
-    def _alive(actor: Any) -> bool:
+    def _result(call: Any) -> Any:
         try:
-            ray.get(actor.ping.remote())
+            return ray.get(call)
         except _LOST:
-            return False
-        return True
+            raise
+        except RayTaskError as error:
+            # Ray wraps what a task raised in the text of its traceback; our own messages say more.
+            if isinstance(error.cause, FarmError):
+                raise error.cause from None
+            raise

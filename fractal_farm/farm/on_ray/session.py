@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fractal_farm.errors import FarmError, InputError
+from fractal_farm.farm.on_ray.pulse import Pulse
 
 # Read by Ray when it is first imported. Token authentication would write into HOME; the embedded cluster listens on
 # loopback only and ends with this process.
@@ -30,10 +31,12 @@ _QUIET = {
     "NUMBA_NUM_THREADS": "1",
 }
 _OBJECT_STORE_BYTES = 256 * 2**20
+# How long the servers of a cluster that somebody else keeps may be away: its keeper may start them again.
+_PATIENCE_SECONDS = 20.0
 
 
 @contextlib.contextmanager
-def session(address: str | None, workers: int | None) -> Iterator[int]:
+def session(address: str | None, workers: int | None) -> Iterator[Cluster]:
     """Connect to Ray for the length of a run.
 
     Args:
@@ -41,25 +44,93 @@ def session(address: str | None, workers: int | None) -> Iterator[int]:
         workers: processors of the embedded cluster; None for all of this machine.
 
     Yields:
-        The number of processors of the cluster.
+        The cluster.
 
     Raises:
         InputError: nothing answers at the address.
+        FarmError: Ray does not start on this machine.
     """
-    for name, value in _QUIET.items():
-        os.environ.setdefault(name, value)
-    if address is None:
-        os.environ.setdefault("RAY_AUTH_MODE", "disabled")
-        # Without a cluster Ray binds to loopback; with one its servers listen on all addresses.
-        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
-        os.environ.setdefault("RAY_TMPDIR", _short_temporary_directory())
-    elif address != "auto":
-        _check_reachable(address)
+    cluster = Cluster(address, workers)
+    cluster.connect()
+    try:
+        yield cluster
+    finally:
+        cluster.disconnect()
+
+
+class Cluster:
+    """The cluster that this process is connected to.
+
+    Attributes:
+        processors: that it has, counted when the process connected.
+        embedded: it was started by this process and lives on this machine alone.
+    """
+
+    def __init__(self, address: str | None, workers: int | None) -> None:
+        self._address = address
+        self._workers = workers
+        self._ours = False
+        self._pulse: Pulse | None = None
+        self.processors = 0
+        self.embedded = address is None
+
+    def connect(self) -> None:
+        """Start Ray, or join the cluster; see `session` for what is raised."""
+        for name, value in _QUIET.items():
+            os.environ.setdefault(name, value)
+        if self._address is None:
+            os.environ.setdefault("RAY_AUTH_MODE", "disabled")
+            # Without a cluster Ray binds to loopback; with one its servers listen on all addresses.
+            os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
+            os.environ.setdefault("RAY_TMPDIR", _short_temporary_directory())
+        elif self._address != "auto":
+            _check_reachable(self._address)
+        import ray
+
+        if not ray.is_initialized():
+            _start(self._address, self._workers)
+            self._ours = True
+        self.processors = max(1, int(ray.cluster_resources().get("CPU", 1)))
+        self._pulse = Pulse(_servers(), 0.0 if self.embedded else _PATIENCE_SECONDS)
+
+    def disconnect(self) -> None:
+        """Leave the cluster; an embedded one ends. One that was there before this process asked for it stays."""
+        if self._pulse is not None:
+            self._pulse.stop()
+            self._pulse = None
+        if self._ours:
+            import ray
+
+            with contextlib.redirect_stdout(sys.stderr):
+                ray.shutdown()
+            self._ours = False
+
+    def restart(self) -> bool:
+        """Start an embedded cluster anew after it was lost; False if it is not ours to start."""
+        if not (self.embedded and self._ours):
+            return False
+        self.disconnect()
+        self.connect()
+        return True
+
+    def lost(self) -> str | None:
+        """Why the cluster cannot work any more; None while it can."""
+        return self._pulse.lost if self._pulse is not None else "it is not connected"
+
+    def lost_now(self) -> str | None:
+        """As `lost`, but after asking the servers at this moment; for when a call has failed."""
+        if self._pulse is not None:
+            self._pulse.beat()
+        return self.lost()
+
+    def name(self) -> str:
+        """For messages."""
+        return "Ray on this machine" if self.embedded else f"the Ray cluster at {self._address}"
+
+
+def _start(address: str | None, workers: int | None) -> None:
     import ray
 
-    if ray.is_initialized():
-        yield _processors(ray)
-        return
     options: dict[str, Any] = {
         "log_to_driver": False,
         "logging_level": logging.ERROR,
@@ -77,23 +148,27 @@ def session(address: str | None, workers: int | None) -> Iterator[int]:
             )
         else:
             ray.init(address=address, **options)
-    except (OSError, RuntimeError, ValueError) as error:
+    except Exception as error:
+        # Ray raises all kinds when one of its processes dies while it starts.
         reason = (str(error) or type(error).__name__).splitlines()[0]
+        with contextlib.suppress(Exception), contextlib.redirect_stdout(sys.stderr):
+            ray.shutdown()
         if address is None:
             raise FarmError(f"Ray does not start on this machine ({reason}); see `farm doctor --ray`") from None
         raise InputError(
             f"--address {address}: no Ray cluster answers ({reason}); start one with `ray start --head`, or leave "
             "--address out"
         ) from None
-    try:
-        yield _processors(ray)
-    finally:
-        with _stdout_to_stderr():
-            ray.shutdown()
 
 
-def _processors(ray: Any) -> int:
-    return max(1, int(ray.cluster_resources().get("CPU", 1)))
+def _servers() -> dict[str, tuple[str, int]]:
+    """The two processes without which a driver cannot work: the cluster's head, and Ray's own on this node."""
+    import ray
+
+    context = ray.get_runtime_context()
+    host, _, port = context.gcs_address.rpartition(":")
+    node = next(entry for entry in ray.nodes() if entry["NodeID"] == context.get_node_id())
+    return {"head": (host, int(port)), "raylet": (node["NodeManagerAddress"], node["NodeManagerPort"])}
 
 
 def _check_reachable(address: str) -> None:
@@ -116,9 +191,3 @@ def _short_temporary_directory() -> str:
     """Ray's sockets need a path of fewer than 107 characters."""
     directory = tempfile.gettempdir()
     return directory if len(directory) < 40 and Path(directory).is_dir() else "/tmp"
-
-
-@contextlib.contextmanager
-def _stdout_to_stderr() -> Iterator[None]:
-    with contextlib.redirect_stdout(sys.stderr):
-        yield

@@ -1,0 +1,85 @@
+"""Where a run stands, from its committed records alone: the islands, the totals, the designs that wait for a mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow.compute as pc
+
+from fractal_farm.catalogue import Catalogue, committed_records, latest_snapshot
+from fractal_farm.catalogue.parts import list_parts, read_footer
+from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
+from fractal_farm.config import RunConfig
+from fractal_farm.evolution.island import IslandState, founding_state, library_after
+from fractal_farm.evolution.migration import sources
+from fractal_farm.farm.events import Progress
+from fractal_farm.farm.mesh_queue import MeshQueue
+from fractal_farm.farm.records import unpack_ledger, unpack_states
+from fractal_farm.farm.schedule import Schedule
+from fractal_farm.farm.work import MeshOrder
+from fractal_farm.solid import SolidParameters
+
+
+def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
+    """Where a run stands, from its committed records alone.
+
+    Returns:
+        The schedule after the last committed epoch, the totals up to it, and the seconds worked so far.
+    """
+    evolution = config.evolution
+    empty = founding_state(evolution)
+    dtype = empty.library.dtype
+    states = dict.fromkeys(range(evolution.islands), empty)
+    committed = list(committed_records(root, config.run_id))
+    last = committed[-1][0][1] if committed else -1
+    lag = evolution.migration.lag
+    # Emigrants of the last `lag` epochs are still under way, so the replay begins before them.
+    if (snapshot := latest_snapshot(root, config.run_id, last - lag)) is not None:
+        states = unpack_states(snapshot[1], dtype)
+    start = states[0].epoch
+    progress, elapsed_s = Progress(), 0.0
+    outbox = []
+    for (_, until), blob in committed:
+        ledger = unpack_ledger(blob, dtype)
+        progress, elapsed_s = ledger.progress, max(elapsed_s, ledger.elapsed_s)
+        for record in ledger.records if until > start else ():
+            before = states[record.island]
+            if record.epoch == before.epoch + 1:
+                state = IslandState(record.epoch, library_after(before.library, record))
+                states[record.island] = state
+                outbox.append((record.island, record.epoch, state.library[record.emigrants]))
+    migration = evolution.migration
+    links = sources(migration.topology, evolution.islands, migration.degree, evolution.seed)
+    schedule = Schedule(links, lag, states)
+    for island, epoch, leaving in outbox:
+        if epoch > last - lag:
+            schedule.remember(island, epoch, leaving)
+    return schedule, progress, elapsed_s
+
+
+def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
+    """The designs of a run that have no solid yet."""
+    settings = config.solids
+    parameters = SolidParameters(size_mm=settings.size_mm, wall_mm=settings.wall_mm)
+    catalogue = Catalogue.open(root)
+    made = {solid.design_id for solid in catalogue.solids() if solid.parameters_hash == parameters.hash}
+    designs = catalogue.designs([*GENOME_COLUMNS, "fitness", "gap"], config.run_id)
+    own = made.intersection(designs.column("design_id").to_pylist())
+    queue = MeshQueue(settings.max, settings.wall_mm / settings.size_mm, len(own))
+    for identity in made:
+        queue.skip(identity)
+    designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
+    thickened = pc.greater(designs.column("gap"), settings.wall_mm / settings.size_mm)
+    designs = designs.append_column("thickened", thickened).sort_by(
+        [("thickened", "ascending"), ("fitness", "descending"), ("design_id", "ascending")]
+    )
+    wanted = None if settings.max is None else 2 * settings.max
+    for row in designs.slice(0, wanted).to_pylist():
+        if row["design_id"] not in made:
+            queue.offer(MeshOrder(genome_of(row), parameters, settings.formats), row["fitness"], row["gap"])
+    return queue
+
+
+def last_epoch(root: Path, run_id: str) -> int:
+    """The last committed epoch of a run; -1 before the first."""
+    return max((read_footer(root, name).epochs[1] for name in list_parts(root, run_id)), default=-1)

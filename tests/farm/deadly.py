@@ -1,0 +1,50 @@
+"""Evaluations that die of certain genomes, for tests: importable by workers and by the processes of trials."""
+
+import os
+import signal
+
+import numpy as np
+
+from fractal_farm.evolution.island import Scores
+from fractal_farm.farm.trials import refused
+from fractal_farm.farm.work import evaluate_candidates
+
+
+def deadly(genes):
+    """Whether a genome is one of those that kill: about one in a hundred."""
+    return genes[:, 0, 0].view(np.uint64) % np.uint64(101) == 0
+
+
+def dies(candidates, config):
+    """Dies by its own hand of every deadly genome."""
+    if deadly(np.ascontiguousarray(candidates.genes)).any():
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return evaluate_candidates(candidates, config)
+
+
+def refuses(candidates, config):
+    """Refuses the same genomes, and lives."""
+    scores = evaluate_candidates(candidates, config)
+    values, refusals = scores.values.copy(), scores.refusals.copy()
+    at = deadly(np.ascontiguousarray(candidates.genes))
+    values[at], refusals[at] = refused().values[0], refused().refusals[0]
+    return Scores(values, refusals)
+
+
+def is_killed(candidates, config):
+    """Killed from outside again and again, except alone."""
+    if len(candidates.n_maps) > 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return evaluate_candidates(candidates, config)
+
+
+def never_ends(candidates, config):
+    """Does not come to an end with a deadly genome."""
+    while deadly(np.ascontiguousarray(candidates.genes)).any():
+        pass
+    return evaluate_candidates(candidates, config)
+
+
+def dies_of_everything(candidates, config):
+    """A broken machine."""
+    os.kill(os.getpid(), signal.SIGILL)
