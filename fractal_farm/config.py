@@ -189,11 +189,17 @@ class ExecutionConfig(Section):
     batch_size: Annotated[int, Field(ge=1, le=1_000_000)] | None = Field(
         None, description="candidates in a task; null: a generation of an island"
     )
+    metrics: Annotated[int, Field(ge=1024, le=65535)] | None = Field(
+        None,
+        description="port on loopback at which Prometheus finds the run's figures; a running cluster has its own, and "
+        "any number turns them on; null: no figures",
+    )
 
     @model_validator(mode="after")
-    def _serial_has_no_address(self) -> ExecutionConfig:
-        if self.executor == "serial" and self.address is not None:
-            raise ValueError(f"address {self.address!r} needs executor ray; executor is serial")
+    def _serial_has_no_ray(self) -> ExecutionConfig:
+        for name, value in (("address", self.address), ("metrics", self.metrics)):
+            if self.executor == "serial" and value is not None:
+                raise ValueError(f"{name} {value!r} needs executor ray; executor is serial")
         return self
 
 

@@ -28,6 +28,7 @@ from fractal_farm.farm.events import Announcer, Callback, Fault, RunEnded, RunSt
 from fractal_farm.farm.executor import ClusterLostError
 from fractal_farm.farm.interrupts import interrupts
 from fractal_farm.farm.preflight import check_disk
+from fractal_farm.farm.report import write_report
 from fractal_farm.farm.restore import last_epoch, mesh_queue, restore
 from fractal_farm.farm.run import Run
 from fractal_farm.farm.sheet import write_sheet
@@ -156,7 +157,7 @@ def working_with(config: RunConfig, address: str | None, executor: str | None) -
         raise InputError(f"--address {address}: the serial executor works in this process; leave one of them out")
     changes: dict[str, Any] = {"executor": executor or "ray"}
     if executor == "serial":
-        changes["address"] = None
+        changes |= {"address": None, "metrics": None}
     elif address is not None:
         changes["address"] = address
     execution = config.execution.model_copy(update=changes)
@@ -171,7 +172,7 @@ def _session(config: RunConfig, root: Path, workers: Workforce, callbacks: Seque
         record_settings(root, run_id, config.to_dict(), config.catalogue.durability)
         log = EventLog(root, run_id)
         stack.callback(log.close)
-        announce = Announcer([log, *callbacks])
+        announce = Announcer([log, *workers.callbacks, *callbacks])
         interrupted = stack.enter_context(interrupts())
         losses, epochs = 0, -1
         while True:
@@ -250,6 +251,7 @@ def _stretch(
     try:
         record_end(root, run_id, asdict(ended), config.catalogue.durability)
         sheet = write_sheet(root, config)
+        write_report(root, config)
     except StorageFullError as error:
         announce(Fault("disk", str(error), "the run has ended, and its designs are safe"))
         sheet = None

@@ -12,6 +12,7 @@ from pathlib import Path
 from fractal_farm.catalogue.fence import take_over
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import InputError
+from fractal_farm.farm.events import Callback
 from fractal_farm.farm.executor import Executor, SerialExecutor
 from fractal_farm.farm.publisher import Publisher
 
@@ -23,10 +24,12 @@ class Workforce:
     Attributes:
         new_executor: makes one for a catalogue whose run lock the caller holds; writers of earlier ones are shut out.
         replace: brings new workers in place of those that were lost; False if that is not ours to do.
+        callbacks: who among them wants to hear the events of the run.
     """
 
     new_executor: Callable[[Path], Executor]
     replace: Callable[[], bool]
+    callbacks: tuple[Callback, ...] = ()
 
 
 @contextlib.contextmanager
@@ -48,10 +51,14 @@ def workforce(config: RunConfig) -> Iterator[Workforce]:
         )
     from fractal_farm.farm.on_ray.session import session
 
-    with session(execution.address, execution.workers) as cluster:
+    with session(execution.address, execution.workers, execution.metrics) as cluster:
         from fractal_farm.farm.on_ray.executor import RayExecutor
+        from fractal_farm.farm.on_ray.metrics import Metrics
 
-        yield Workforce(lambda root: RayExecutor(config, _new_publisher(root, config), cluster), cluster.restart)
+        callbacks = () if execution.metrics is None else (Metrics(),)
+        yield Workforce(
+            lambda root: RayExecutor(config, _new_publisher(root, config), cluster), cluster.restart, callbacks
+        )
 
 
 def _new_publisher(root: Path, config: RunConfig) -> Callable[[], Publisher]:

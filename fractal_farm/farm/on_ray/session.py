@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fractal_farm.errors import FarmError, InputError
+from fractal_farm.farm.on_ray.extras import check_metrics
 from fractal_farm.farm.on_ray.pulse import Pulse
 
 # Read by Ray when it is first imported. Token authentication would write into HOME; the embedded cluster listens on
@@ -36,12 +37,13 @@ _PATIENCE_SECONDS = 20.0
 
 
 @contextlib.contextmanager
-def session(address: str | None, workers: int | None) -> Iterator[Cluster]:
+def session(address: str | None, workers: int | None, metrics: int | None = None) -> Iterator[Cluster]:
     """Connect to Ray for the length of a run.
 
     Args:
         address: "host:port" or "auto" for a running cluster; None starts one inside this process, on loopback.
         workers: processors of the embedded cluster; None for all of this machine.
+        metrics: port on loopback at which the embedded cluster answers Prometheus; None for no metrics.
 
     Yields:
         The cluster.
@@ -50,7 +52,7 @@ def session(address: str | None, workers: int | None) -> Iterator[Cluster]:
         InputError: nothing answers at the address.
         FarmError: Ray does not start on this machine.
     """
-    cluster = Cluster(address, workers)
+    cluster = Cluster(address, workers, metrics)
     cluster.connect()
     try:
         yield cluster
@@ -66,9 +68,10 @@ class Cluster:
         embedded: it was started by this process and lives on this machine alone.
     """
 
-    def __init__(self, address: str | None, workers: int | None) -> None:
+    def __init__(self, address: str | None, workers: int | None, metrics: int | None) -> None:
         self._address = address
         self._workers = workers
+        self._metrics = metrics
         self._ours = False
         self._pulse: Pulse | None = None
         self.processors = 0
@@ -76,6 +79,8 @@ class Cluster:
 
     def connect(self) -> None:
         """Start Ray, or join the cluster; see `session` for what is raised."""
+        if self._metrics is not None:
+            check_metrics(self._metrics, self.embedded)
         for name, value in _QUIET.items():
             os.environ.setdefault(name, value)
         if self._address is None:
@@ -88,7 +93,7 @@ class Cluster:
         import ray
 
         if not ray.is_initialized():
-            _start(self._address, self._workers)
+            _start(self._address, self._workers, self._metrics)
             self._ours = True
         self.processors = max(1, int(ray.cluster_resources().get("CPU", 1)))
         self._pulse = Pulse(_servers(), 0.0 if self.embedded else _PATIENCE_SECONDS)
@@ -128,7 +133,7 @@ class Cluster:
         return "Ray on this machine" if self.embedded else f"the Ray cluster at {self._address}"
 
 
-def _start(address: str | None, workers: int | None) -> None:
+def _start(address: str | None, workers: int | None, metrics: int | None) -> None:
     import ray
 
     options: dict[str, Any] = {
@@ -144,6 +149,7 @@ def _start(address: str | None, workers: int | None) -> None:
                 include_dashboard=False,
                 object_store_memory=_OBJECT_STORE_BYTES,
                 _node_ip_address="127.0.0.1",
+                _metrics_export_port=metrics,
                 **options,
             )
         else:
