@@ -111,8 +111,9 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
 
 
 def sample_candidates(config: EvolutionConfig) -> Candidates:
-    """Two founders: what it takes to compile, or to try, an evaluation."""
-    brood = founders(config, 0)
+    """Two founders of a run of seed 0 without seeds of its own: what it takes to compile, or to try, an evaluation."""
+    library = config.library.model_copy(update={"seeds": ()})
+    brood = founders(config.model_copy(update={"seed": 0, "library": library}), 0)
     return Candidates(brood.genes[:2], brood.n_maps[:2])
 
 

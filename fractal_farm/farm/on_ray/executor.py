@@ -66,6 +66,7 @@ _LOST = (RayActorError, WorkerCrashedError, OutOfMemoryError, NodeDiedError, Obj
 _MESH_NICENESS = 10
 _MESH_WORKERS = 4
 _WARM_UP_SECONDS = 600.0
+_WARM_UP_TRIES = 10
 
 
 def evaluate_batch(evaluate: Evaluate, candidates: Candidates, config: EvolutionConfig) -> Scores:
@@ -253,7 +254,7 @@ class RayExecutor:
 
     def _warm_up(self, candidates: Candidates) -> None:
         deadline = time.monotonic() + _WARM_UP_SECONDS
-        while True:
+        for _ in range(_WARM_UP_TRIES):
             call = _EVALUATE.remote(self._evaluate, candidates, self._config)
             while not ray.wait([call], timeout=1.0)[0]:
                 self._check_cluster()
@@ -262,10 +263,17 @@ class RayExecutor:
                         f"{self._cluster.name()}: no worker has evaluated anything for {_WARM_UP_SECONDS:.0f} s; "
                         "see `ray status` whether it has processors that are free, and `farm doctor --ray`"
                     )
-            with contextlib.suppress(*_LOST):
+            try:
                 self._result(call)
+            except _LOST as error:
+                reason = type(error).__name__
+                self._cluster.lost_now()
+                self._check_cluster()
+            else:
                 return
-            self._check_cluster()
+        raise FarmError(
+            f"{self._cluster.name()}: {_WARM_UP_TRIES} workers died of a first evaluation ({reason}); see `farm doctor`"
+        )
 
     def _check_cluster(self) -> None:
         if (reason := self._cluster.lost()) is not None:
