@@ -45,8 +45,17 @@ def test_a_put_syncs_the_file_renames_it_and_syncs_the_directory(tmp_path, steps
     target = tmp_path / "new" / "folder" / "name"
     durable.put(target, b"content")
     assert target.read_bytes() == b"content"
-    assert [step[0] for step in steps] == ["mkdir", "fsync", "mkdir", "fsync", "fsync", "replace", "fsync"]
+    assert [step[0] for step in steps] == ["fsync", "mkdir", "fsync", "mkdir", "fsync", "fsync", "replace", "fsync"]
     check_each_name_is_durable(steps)
+
+
+def test_a_directory_that_another_process_made_is_synced_before_it_is_relied_on(tmp_path, steps):
+    (tmp_path / "new").mkdir()
+    del steps[:]
+    for name in ("one", "two"):
+        durable.put(tmp_path / "new" / name, b"content")
+    assert steps[0] == ("fsync", tmp_path)
+    assert [step[1] for step in steps].count(tmp_path) == 1
 
 
 def test_a_commit_is_announced_by_its_part_only_when_all_clouds_are_durable(root, steps):

@@ -36,7 +36,7 @@ def test_any_bytes_come_back_as_they_were(root):
 def test_two_commits_of_the_same_epochs_that_differ_are_both_given(root):
     used = writer(root)
     for blob in (b"islands 0 to 3", b"islands 4 to 7", b"islands 0 to 3"):
-        used.commit(designs([])[0], None, blob, (5, 5))
+        used.commit(designs([])[0], None, blob, (0, 0))
     assert [blob for _, blob in committed_records(root, RUN)] == [b"islands 0 to 3", b"islands 4 to 7"]
 
 
@@ -44,6 +44,22 @@ def test_another_run_has_records_of_its_own(root):
     writer(root).commit(designs([])[0], None, b"one", (0, 0))
     writer(root, run_id="0123").commit(designs([])[0], None, b"other", (0, 0))
     assert list(committed_records(root, "0123")) == [((0, 0), b"other")]
+
+
+def test_records_end_where_a_part_is_missing(root):
+    commit_epochs(root, 0, 4)
+    parts = sorted((root / "manifest/designs").iterdir())
+    parts[2].unlink()
+    assert [epochs for epochs, _ in committed_records(root, RUN)] == [(0, 0), (1, 1)]
+    parts[0].unlink()
+    assert list(committed_records(root, RUN)) == []
+
+
+def test_epochs_that_were_committed_again_in_other_groups_are_given_once(root):
+    used = writer(root)
+    for first, last in [(0, 1), (4, 5), (6, 7), (2, 6), (7, 9)]:
+        used.commit(designs([])[0], None, records(first), (first, last))
+    assert [epochs for epochs, _ in committed_records(root, RUN)] == [(0, 1), (2, 6), (6, 7), (7, 9)]
 
 
 def unfinished(root, run):
