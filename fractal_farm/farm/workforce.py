@@ -53,12 +53,13 @@ def workforce(config: RunConfig) -> Iterator[Workforce]:
 
     with session(execution.address, execution.workers, execution.metrics) as cluster:
         from fractal_farm.farm.on_ray.executor import RayExecutor
-        from fractal_farm.farm.on_ray.metrics import Metrics
+        from fractal_farm.farm.on_ray.metrics import metrics
 
-        callbacks = () if execution.metrics is None else (Metrics(),)
-        yield Workforce(
-            lambda root: RayExecutor(config, _new_publisher(root, config), cluster), cluster.restart, callbacks
-        )
+        with contextlib.ExitStack() as stack:
+            callbacks = () if execution.metrics is None else (stack.enter_context(metrics()),)
+            yield Workforce(
+                lambda root: RayExecutor(config, _new_publisher(root, config), cluster), cluster.restart, callbacks
+            )
 
 
 def _new_publisher(root: Path, config: RunConfig) -> Callable[[], Publisher]:

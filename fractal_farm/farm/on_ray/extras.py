@@ -1,4 +1,4 @@
-"""What needs more than the core of Ray: metrics and jobs, which the extra `cluster` brings. Ray is not imported here."""
+"""What needs more than the core of Ray: metrics and jobs, which the extra `cluster` brings. Nothing imports Ray."""
 
 from __future__ import annotations
 

@@ -7,6 +7,9 @@ metrics port of its nodes), every few seconds, with `ray_` before the name and `
 
 from __future__ import annotations
 
+import contextlib
+import threading
+from collections.abc import Iterator
 from typing import Any
 
 from ray.util.metrics import Counter, Gauge, Histogram
@@ -48,14 +51,35 @@ GAUGES = {
 }
 HISTOGRAMS = {"farm_solid_seconds": "time to make a solid"}
 _LABELS = {"farm_migrants": ("source", "island"), "farm_migrants_settled": ("island",), "farm_faults": ("where",)}
+_REFRESH_SECONDS = 1.0
 _SOLID_SECONDS = [0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0]
 
 
-class Metrics(Callback):
-    """Keeps the figures of one run on the cluster that this process is connected to."""
+@contextlib.contextmanager
+def metrics() -> Iterator[Callback]:
+    """A callback that keeps the figures of a run while the context lasts, on the cluster that is joined by then."""
+    callback, over = _Metrics(), threading.Event()
+
+    def refresh() -> None:
+        # Ray forgets a gauge that is not set again and again, such as those of a run that waits for disk space.
+        while not over.wait(_REFRESH_SECONDS):
+            callback.refresh()
+
+    refresher = threading.Thread(target=refresh, name="metrics", daemon=True)
+    refresher.start()
+    try:
+        yield callback
+    finally:
+        over.set()
+        refresher.join()
+
+
+class _Metrics(Callback):
+    """The figures of one run."""
 
     def __init__(self) -> None:
         self._metrics: dict[str, Any] = {}
+        self._gauges: dict[str, float] = {}
         self._progress = Progress()
         self._wanted: int | None = None
         self._solids = 0
@@ -97,6 +121,11 @@ class Metrics(Callback):
         elif isinstance(event, Paused | Continued):
             self._set("farm_paused", isinstance(event, Paused))
 
+    def refresh(self) -> None:
+        """Set all gauges to what they are."""
+        for name, value in self._gauges.copy().items():
+            self._metrics[name].set(value)
+
     def _set_progress(self, progress: Progress) -> None:
         self._progress = progress
         self._set("farm_designs", progress.designs)
@@ -108,6 +137,7 @@ class Metrics(Callback):
         self._set("farm_solids_waiting", max(0, wanted - self._solids))
 
     def _set(self, name: str, value: float) -> None:
+        self._gauges[name] = float(value)
         self._metrics[name].set(float(value))
 
     def _count(self, name: str, number: int, **labels: object) -> None:
