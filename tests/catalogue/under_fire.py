@@ -43,15 +43,15 @@ def commit(writer: RunWriter, epoch: int) -> None:
     writer.commit(table, clouds, records, (epoch, epoch))
 
 
-def live(root: Path, attempt: int) -> None:
-    """One life: resume, and commit until killed."""
-    with run_lock(root, RUN), (root / "logs" / "lives").open("a") as lives:
+def live(root: Path, attempt: int, told: Path) -> None:
+    """One life: resume, and commit until killed; what was acknowledged is written into the directory `told`."""
+    with run_lock(root, RUN), (told / "lives").open("a") as lives:
         orphans = remove_orphans(root, RUN)
         following = max((epochs[1] for epochs, _ in committed_records(root, RUN)), default=-1) + 1
         lives.write(f"{orphans}\n")
         lives.flush()
         writer = RunWriter(root, RUN, "node", attempt, N_POINTS)
-        acknowledged = os.open(root / "logs" / "acknowledged", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        acknowledged = os.open(told / "acknowledged", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         for epoch in range(following, 100_000):
             commit(writer, epoch)
             os.write(acknowledged, f"{epoch}\n".encode())
@@ -66,7 +66,7 @@ def main() -> None:
     for attempt in range(kills):
         child = os.fork()
         if child == 0:
-            live(root, attempt)
+            live(root, attempt, root / "logs")
         time.sleep(chance.uniform(0.05, LONGEST_LIFE_SECONDS))
         os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
