@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from fractal_farm import __version__
-from fractal_farm.cli import catalogue_commands, design_commands, doctor, run_commands, status, verify
+from fractal_farm.cli import bench, catalogue_commands, design_commands, doctor, run_commands, status, verify
 from fractal_farm.errors import FarmError, InputError
 
 app = typer.Typer(
@@ -37,6 +37,7 @@ app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
 app.command("verify")(verify.verify)
 app.command("doctor")(doctor.doctor)
+app.command("bench")(bench.bench)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,6 +9,7 @@ are exact or correctly rounded, so that the results are the same bits on each.
 from __future__ import annotations
 
 import functools
+import platform
 from collections.abc import Callable
 from typing import Any
 
@@ -103,9 +104,17 @@ def _call(builder: Any, name: str, result: Any, *arguments: Any) -> Any:
     return builder.call(cgutils.get_or_insert_function(builder.module, signature, name), arguments)
 
 
+def instruction_set() -> str:
+    """What kernels are compiled for: "AVX-512", "AVX2", or the name of another machine."""
+    _, processor, features = cpu_target.target_context.codegen().magic_tuple()
+    if "+avx512f" in features or "avx512" in processor:
+        return "AVX-512"
+    return "AVX2" if platform.machine() in ("x86_64", "AMD64") else platform.machine()
+
+
 def _has_ternary_logic() -> bool:
     """Whether any function of three bits is one instruction; LLVM does not find it for a carry by itself."""
-    return "+avx512f" in getattr(cpu_target.target_context.codegen(), "_tm_features", "")
+    return instruction_set() == "AVX-512"
 
 
 @intrinsic

@@ -3,10 +3,10 @@ import pytest
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
+from fractal_farm.bench.truth import classic, separated
 from fractal_farm.errors import InputError
 from fractal_farm.fitness import shape_descriptor
 from fractal_farm.ifs.random_iteration import attractor_points
-from tests.fitness.truth import classic, separated
 from tests.table1 import TABLE1
 
 SHAPES = [*classic(), *separated("natural")[::5]]

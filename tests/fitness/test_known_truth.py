@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fractal_farm.bench.truth import Fractal, classic, overlapping, separated
 from fractal_farm.fitness import capacity_dimension, correlation_dimension
 from fractal_farm.fitness.dimensions import measured
-from tests.fitness.truth import Fractal, classic, overlapping, separated
 
 SEEDS = range(8)  # each turns the fractal at random
 GROUPS = {

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from fractal_farm.bench.truth import classic
 from fractal_farm.fitness import capacity_dimension, correlation_dimension, evaluate, pair_counts
 from fractal_farm.fitness.correlation import correlation_slope, new_slope_workspace
 from fractal_farm.fitness.dimensions import ALL_PAIRS
@@ -11,7 +12,6 @@ from fractal_farm.fitness.pair_counting import new_pair_workspace
 from fractal_farm.fitness.reference_pairs import REFERENCES, count_reference_pairs, new_reference_workspace
 from tests.fitness.test_evaluation import random_genomes
 from tests.fitness.test_pair_counting import cloud, in_morton_order
-from tests.fitness.truth import classic
 
 
 def counted(points):

@@ -12,55 +12,85 @@ from functools import cache
 from itertools import product
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
+
+from fractal_farm.ifs.genome import Genome, Phenotype
+
+FloatArray = npt.NDArray[np.float64]
+
+_LARGEST_DIMENSION = 50.0
+_RESOLUTION = 1e-7  # of points, relative to the attractor
 
 
 @dataclass(frozen=True, eq=False)
 class Fractal:
+    """N similarities x -> rho R x + b with probabilities.
+
+    Attributes:
+        name: what it is called.
+        ratios: (N,) float64 rho.
+        rotations: (N, 3, 3) float64 R.
+        shifts: (N, 3) float64 b.
+        probabilities: (N,) float64, sum 1.
+    """
+
     name: str
-    ratios: np.ndarray  # (N,)
-    rotations: np.ndarray  # (N, 3, 3)
-    shifts: np.ndarray  # (N, 3)
-    probabilities: np.ndarray  # (N,)
+    ratios: FloatArray
+    rotations: FloatArray
+    shifts: FloatArray
+    probabilities: FloatArray
 
     @property
     def d0(self) -> float:
-        return min(3.0, brentq(lambda s: np.sum(self.ratios**s) - 1.0, 0.0, 50.0))
+        """Capacity dimension, at most 3."""
+        return min(3.0, float(brentq(lambda s: np.sum(self.ratios**s) - 1.0, 0.0, _LARGEST_DIMENSION)))
 
     @property
     def d2(self) -> float:
-        return min(3.0, brentq(lambda t: np.sum(self.probabilities**2 * self.ratios**-t) - 1.0, 0.0, 50.0))
+        """Correlation dimension, at most 3."""
+        squares = self.probabilities**2
+        return min(3.0, float(brentq(lambda t: np.sum(squares * self.ratios**-t) - 1.0, 0.0, _LARGEST_DIMENSION)))
 
     @property
     def lle(self) -> float:
+        """Largest Lyapunov exponent, nats per iteration."""
         return float(np.sum(self.probabilities * np.log(self.ratios)))
 
-    def points(self, seed: int, n: int = 5000) -> np.ndarray:
-        """(n, 3) independent points, turned at random."""
+    def genome(self) -> Genome:
+        """The same as an affine genome with probabilities set by hand; of 8 maps at most."""
+        rows = np.concatenate([self.ratios[:, None, None] * self.rotations, self.shifts[:, :, None]], axis=2)
+        return Genome(rows.reshape(-1, 12), Phenotype(family="affine"), tuple(self.probabilities.tolist()))
+
+    def points(self, seed: int, n: int = 5000) -> FloatArray:
+        """(n, 3) float64 independent points, turned at random."""
         generator = np.random.default_rng(seed)
-        depth = math.ceil(math.log(1e-7) / math.log(self.ratios.max()))
+        depth = math.ceil(math.log(_RESOLUTION) / math.log(self.ratios.max()))
         linear = self.ratios[:, None, None] * self.rotations
         points = np.zeros((n, 3))
         for _ in range(depth):
             k = generator.choice(len(self.ratios), n, p=self.probabilities)
             points = np.einsum("nij,nj->ni", linear[k], points) + self.shifts[k]
-        return points @ Rotation.random(random_state=seed).as_matrix().T
+        turn: FloatArray = Rotation.random(random_state=seed).as_matrix()
+        return points @ turn.T
 
 
-def _fractal(name, ratio, shifts, rotations=None) -> Fractal:
-    shifts = np.asarray(shifts, dtype=float)
+def _fractal(name: str, ratio: float, corners: npt.ArrayLike, rotations: FloatArray | None = None) -> Fractal:
+    shifts = np.asarray(corners, dtype=np.float64)
     n = len(shifts)
     identity = np.repeat(np.eye(3)[None], n, axis=0)
     return Fractal(name, np.full(n, ratio), identity if rotations is None else rotations, shifts, np.full(n, 1.0 / n))
 
 
-def _turn_z(*degrees: float) -> np.ndarray:
-    return Rotation.from_euler("z", np.array(degrees)[:, None], degrees=True).as_matrix()
+def _turn_z(*degrees: float) -> FloatArray:
+    matrices: FloatArray = Rotation.from_euler("z", np.array(degrees)[:, None], degrees=True).as_matrix()
+    return matrices
 
 
 @cache
 def classic() -> tuple[Fractal, ...]:
+    """Eleven sets of the textbooks, with equal weights."""
     corners = np.array(list(product((0, 1), repeat=3)))
     tetrahedron = np.array(
         [(0, 0, 0), (1, 0, 0), (0.5, math.sqrt(3) / 2, 0), (0.5, math.sqrt(3) / 6, math.sqrt(2 / 3))]
@@ -83,9 +113,9 @@ def classic() -> tuple[Fractal, ...]:
     )
 
 
-def floored(ratios: np.ndarray, influence: float = 4.0) -> np.ndarray:
-    """Eqs 3.3 and 3.4."""
-    p = ratios**3 / np.sum(ratios**3)
+def floored(ratios: FloatArray, influence: float = 4.0) -> FloatArray:
+    """Probabilities (N,) of ratios (N,) by eqs 3.3 and 3.4."""
+    p: FloatArray = ratios**3 / np.sum(ratios**3)
     largest = int(np.argmax(p))
     floor = 1.0 / (influence * len(p))
     for i in range(len(p)):
@@ -99,7 +129,8 @@ def floored(ratios: np.ndarray, influence: float = 4.0) -> np.ndarray:
 def separated(weights: str) -> tuple[Fractal, ...]:
     """Sixteen random systems of 2 or 3 similarities whose pieces lie in disjoint balls.
 
-    weights: "natural" (p = rho^D0, so that D2 = D0) or "floored" (eqs 3.3 and 3.4).
+    Args:
+        weights: "natural" (p = rho^D0, so that D2 = D0) or "floored" (eqs 3.3 and 3.4).
     """
     generator = np.random.default_rng(7)
     found: list[Fractal] = []

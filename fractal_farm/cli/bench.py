@@ -1,0 +1,126 @@
+"""`farm bench`: how fast and how exact the evaluator is on this machine."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from fractal_farm.cli.output import AsJson, plain, print_json, print_table, say, write_file
+
+Output = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE", help="Also write the JSON there.")]
+
+
+def bench(
+    accuracy: Annotated[
+        bool, typer.Option("--accuracy", help="Measure errors on known fractals instead (minutes).")
+    ] = False,
+    output: Output = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the evaluator: stages, whole evaluations, threads, sizes, peers; or, with --accuracy, its errors."""
+    report = _accuracy() if accuracy else _speed()
+    if output is not None:
+        write_file(output, json.dumps(plain(report), indent=2).encode())
+    if as_json:
+        print_json(report)
+    elif accuracy:
+        _print_accuracy(report)
+    else:
+        _print_speed(report)
+    if accuracy and not all(bound["met"] for bound in report["bounds"]):
+        raise typer.Exit(1)
+
+
+def _speed() -> dict[str, Any]:
+    from fractal_farm.bench import peers, throughput
+    from fractal_farm.bench.ceilings import measure_ceilings
+    from fractal_farm.bench.stages import measure_stages
+    from fractal_farm.bench.stopwatch import load, this_machine
+    from fractal_farm.fitness.evaluation import POINTS
+
+    loads = [load()]
+    say("farm bench: compiling, then the limits of this machine")
+    ceilings = measure_ceilings()
+    say("farm bench: stages")
+    stages = measure_stages(ceilings)
+    say("farm bench: whole evaluations")
+    whole, described = throughput.milliseconds(), throughput.milliseconds(described=True)
+    sizes = throughput.by_size()
+    say("farm bench: threads")
+    loads.append(load())
+    threads = throughput.by_threads(len(os.sched_getaffinity(0)))
+    compared = []
+    for peer in peers.compare():
+        say(f"farm bench: {peer.peer}")
+        compared.append(peer)
+    loads.append(load())
+    return {
+        "machine": asdict(this_machine()),
+        "load": loads,
+        "ceilings": asdict(ceilings),
+        "evaluation": {"points": POINTS, "milliseconds": whole, "milliseconds_with_descriptor": described},
+        "stages": [asdict(stage) | {"ratio": stage.ratio} for stage in stages],
+        "sizes": [{"points": size, "milliseconds": value} for size, value in sizes.items()],
+        "threads": [asdict(scaling) for scaling in threads],
+        "peers": [asdict(peer) for peer in compared],
+        "missing": [] if peers.has_nolds() else [peers.MISSING],
+    }
+
+
+def _print_speed(report: dict[str, Any]) -> None:
+    machine, ceilings = report["machine"], report["ceilings"]
+    typer.echo(
+        f"{machine['processor']}, {machine['cores']} cores, {machine['instruction_set']}, Python {machine['python']}; "
+        f"{ceilings['clock'] / 1e9:.2f} GHz, {ceilings['bandwidth'] / 1e9:.0f} GB/s in the cache; "
+        f"load {', '.join(f'{value:.1f}' for value in report['load'])}\n"
+    )
+    rows = [
+        [s["name"], _digits(s["microseconds"]), _digits(s["limit"]), _digits(s["ratio"]), s["bound"]]
+        for s in report["stages"]
+    ]
+    print_table(["stage, 5,000 points", "µs", "limit", "ratio", "limited by"], rows)
+    whole = report["evaluation"]
+    typer.echo(
+        f"\nwhole evaluation {whole['milliseconds']:.3f} ms for a genome, "
+        f"{whole['milliseconds_with_descriptor']:.3f} ms with its descriptor\n"
+    )
+    print_table(["points", "ms"], [[f"{s['points']:,}", _digits(s["milliseconds"])] for s in report["sizes"]])
+    typer.echo()
+    rows = [[t["threads"], f"{t['a_second']:,.0f}", f"{t['speedup']:.2f}"] for t in report["threads"]]
+    print_table(["threads", "genomes a second", "x one"], rows)
+    typer.echo()
+    rows = [
+        [p["work"], p["peer"], _digits(p["milliseconds"]), _digits(p["ours"]), f"{p['ratio']:,.0f}"]
+        for p in report["peers"]
+    ]
+    print_table(["work", "peer", "ms", "ours, ms", "ratio"], rows)
+    for line in report["missing"]:
+        typer.echo(line)
+
+
+def _accuracy() -> dict[str, Any]:
+    from fractal_farm.bench.accuracy import measure_accuracy
+
+    return measure_accuracy(say)
+
+
+def _print_accuracy(report: dict[str, Any]) -> None:
+    for table in report["tables"]:
+        print_table(table["columns"], table["rows"], title=table["title"])
+        typer.echo()
+    rows = [
+        ["ok" if b["met"] else "FAIL", b["name"], _digits(b["value"]), _digits(b["bound"])] for b in report["bounds"]
+    ]
+    print_table(["", "what", "measured", "bound"], rows)
+
+
+def _digits(value: float | None) -> str:
+    """Three significant digits."""
+    if value is None or value != value:
+        return "-"
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
