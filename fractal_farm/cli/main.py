@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from fractal_farm import __version__
-from fractal_farm.cli import bench, catalogue_commands, design_commands, doctor, run_commands, status, verify
+from fractal_farm.cli import bench, catalogue_commands, design_commands, doctor, jobs, run_commands, status, verify
 from fractal_farm.errors import FarmError, InputError
 
 app = typer.Typer(
@@ -30,6 +30,7 @@ app.command("submit")(run_commands.submit)
 app.command("resume")(run_commands.resume)
 app.command("status")(status.status)
 app.command("report")(status.report)
+app.add_typer(jobs.app, name="jobs")
 app.command("list")(catalogue_commands.list_designs)
 app.command("show")(catalogue_commands.show)
 app.command("score")(design_commands.score)

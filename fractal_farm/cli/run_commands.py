@@ -12,6 +12,7 @@ import typer
 
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
 from fractal_farm.cli.output import AsJson, duration, print_facts, print_json, results_only_on_stdout, say
+from fractal_farm.errors import InputError
 
 if TYPE_CHECKING:
     from fractal_farm.farm import RunSummary
@@ -30,6 +31,12 @@ AddressOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Override; may be repeated.")
+]
+DetachOption = Annotated[
+    bool,
+    typer.Option(
+        "--detach", help="Hand the run to the cluster at --address http://HOST:8265, and return; see farm jobs."
+    ),
 ]
 ExecutorOption = Annotated[
     ExecutorName | None, typer.Option(help="ray, or serial: in this process alone.", show_default=False)
@@ -52,6 +59,7 @@ def submit(
     executor: ExecutorOption = None,
     overrides: SetOption = None,
     into: Annotated[bool, typer.Option("--into", help="Add the run to an existing catalogue.")] = False,
+    detach: DetachOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Run a configuration to its end.
@@ -63,6 +71,11 @@ def submit(
     from fractal_farm.config import RunConfig
 
     run = RunConfig.from_yaml(config, overrides or ())
+    if detach:
+        from fractal_farm.farm.on_ray import jobs
+
+        _only_on_a_cluster(executor, into)
+        return _detached(jobs.detach(run, str(out or Path("runs") / run.name), address), address, as_json)
     directory = out if out is not None else Path("runs") / run.name
     with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.submit(run, directory, address=address, executor=_name(executor), into=into, callbacks=[display])
@@ -74,6 +87,7 @@ def resume(
     address: AddressOption = None,
     executor: ExecutorOption = None,
     overrides: SetOption = None,
+    detach: DetachOption = False,
     as_json: AsJson = False,
 ) -> int:
     """Go on with an interrupted run, or extend one.
@@ -83,6 +97,11 @@ def resume(
     from fractal_farm import farm
     from fractal_farm.cli.progress import progress_display
 
+    if detach:
+        from fractal_farm.farm.on_ray import jobs
+
+        _only_on_a_cluster(executor, into=False)
+        return _detached(jobs.detach_resume(str(directory), overrides or (), address), address, as_json)
     with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.resume(
             directory,
@@ -92,6 +111,22 @@ def resume(
             callbacks=[display],
         )
     return _report(summary, as_json)
+
+
+def _only_on_a_cluster(executor: ExecutorName | None, into: bool) -> None:
+    if executor is ExecutorName.SERIAL:
+        raise InputError("--executor serial: a run that is handed to a cluster works there; leave --detach out")
+    if into:
+        raise InputError("--into: not together with --detach; run farm on the cluster's head for that")
+
+
+def _detached(job: str, address: str | None, as_json: bool) -> int:
+    if as_json:
+        print_json({"job": job, "address": address})
+        return 0
+    typer.echo(job)
+    say(f"follow it with: farm jobs logs {job} --follow" + (f" --address {address}" if address else ""))
+    return 0
 
 
 def _name(executor: ExecutorName | None) -> str | None:
