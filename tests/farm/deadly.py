@@ -11,8 +11,8 @@ from fractal_farm.farm.work import evaluate_candidates
 
 
 def deadly(genes):
-    """Whether a genome is one of those that kill: about one in thirty."""
-    return genes[:, 0, 0].view(np.uint64) % np.uint64(31) == 0
+    """Whether a genome is one of those that kill: about one in eighty."""
+    return genes[:, 0, 0].view(np.uint64) % np.uint64(79) == 0
 
 
 def dies(candidates, config):
@@ -32,8 +32,8 @@ def refuses(candidates, config):
 
 
 def is_killed(candidates, config):
-    """Killed from outside again and again, except alone."""
-    if len(candidates.n_maps) > 3:
+    """Killed from outside again and again, except in small batches."""
+    if len(candidates.n_maps) > 16:
         os.kill(os.getpid(), signal.SIGKILL)
     return evaluate_candidates(candidates, config)
 

@@ -134,7 +134,7 @@ def _on_ray(tmp_path, monkeypatch, config, evaluate, callbacks=()):
 
 @pytest.mark.ray
 def test_a_run_sets_deadly_genomes_aside_and_finds_all_others(ray_cluster, tmp_path, monkeypatch):
-    config, recorder = small_config("stop.epochs=2"), Recorder()
+    config, recorder = small_config("stop.epochs=1"), Recorder()
     expected = _serial(tmp_path, monkeypatch, config, deadly.refuses)
     found = _on_ray(tmp_path, monkeypatch, config, deadly.dies, [recorder])
     assert found.ended.digest == expected.ended.digest
