@@ -1,7 +1,8 @@
 """The `farm` command: its subcommands, and the translation of errors into one line and an exit code.
 
-0: done. 1: the farm could not do it. 2: the input was wrong. 130: interrupted. Results go to stdout,
-everything else to stderr. Nothing heavy is imported here: each command imports what it needs when it runs.
+0: done. 1: the farm could not do it, or `verify` found damage. 2: the input was wrong. 3: damage that
+`verify --repair` could not undo. 130: interrupted. Results go to stdout, everything else to stderr. Nothing heavy
+is imported here: each command imports what it needs when it runs.
 """
 
 from __future__ import annotations

@@ -83,11 +83,15 @@ def _remakers(directory: Path) -> Remakers:
 
     def solid(design_id: str, parameters_hash: str) -> Mapping[str, bytes]:
         from fractal_farm.catalogue import Catalogue
+        from fractal_farm.catalogue.settings import read_settings
         from fractal_farm.solid import SolidParameters, solid_files
 
         catalogue = Catalogue.open(directory)
-        for run in catalogue.runs():
-            settings = RunConfig.from_dict(run.description["config"], f"{directory}: run.json").solids
+        runs = catalogue.runs()
+        configurations = [run.description["config"] for run in runs]
+        configurations += [read_settings(directory, run.run_id) for run in runs]
+        for values in configurations:
+            settings = RunConfig.from_dict(values, f"{directory}: run.json").solids
             parameters = SolidParameters(size_mm=settings.size_mm, wall_mm=settings.wall_mm)
             if parameters.hash == parameters_hash:
                 return solid_files(catalogue.genome(design_id), parameters, settings.formats)

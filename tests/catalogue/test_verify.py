@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import random
 import shutil
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from hypothesis import strategies as st
 from fractal_farm.catalogue import Catalogue, create_run, read_run, run_lock, shards
 from fractal_farm.catalogue.documents import sealed_page
 from fractal_farm.catalogue.layout import crc32c
+from fractal_farm.catalogue.settings import record_settings
 from fractal_farm.catalogue.shards import group_metadata
 from fractal_farm.catalogue.verify import LEVELS, Remakers, repair, verify
 from fractal_farm.catalogue.verify.bit_flips import flipped, unflipped
@@ -38,6 +42,7 @@ KINDS = (
     "manifest/designs/*",
     "runs/*/run.json",
     "runs/*/final*",
+    "runs/*/settings*",
     "snapshots/*",
     "solids/*/*/*",
     "catalogue.png",
@@ -63,6 +68,7 @@ def grown(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "PART_DESIGNS", 60)
         submit(small_config(), root, executor="serial")
+        record_settings(root, small_config().run_id, small_config("stop.epochs=8", "stop.hours=1").to_dict())
     catalogue = Catalogue.open(root)
     catalogue.add_solid(catalogue.designs(["design_id"]).column(0)[0].as_py(), "30x08", SOLID)
     (root / "report.html").write_bytes(sealed_page("<p>How it went</p>"))
@@ -149,7 +155,12 @@ def test_garbage_is_a_finding_and_no_traceback(root, pattern, level):
         path.write_bytes(torn)
         assert verify(root, level).exit_code == 1 or unseen or (level == "quick" and len(torn) == len(content))
     path.unlink()
-    assert verify(root, level).exit_code == 1 or pattern in ("snapshots/*", "report.html", "runs/*/final*")
+    assert verify(root, level).exit_code == 1 or pattern in (
+        "snapshots/*",
+        "report.html",
+        "runs/*/final*",
+        "runs/*/settings*",
+    )
     path.mkdir()
     assert verify(root, level).exit_code == 1
 
@@ -169,7 +180,31 @@ def test_a_repair_never_deletes_and_can_be_repeated(root):
     assert any("farm resume" in finding.remedy for finding in report.findings)
 
 
-@pytest.mark.parametrize("lost", [0, 1, -1])
+@pytest.mark.slow
+def test_a_repair_that_is_killed_is_simply_repeated(root):
+    before = contents(root)
+    chance = random.Random(6)
+    for path in [*(root / "clouds").rglob("c.*"), some(root, "manifest/designs/*"), some(root, "runs/*/run.json")]:
+        path.write_bytes(flipped(path.read_bytes(), 8 * chance.randrange(path.stat().st_size)))
+    command = [sys.executable, "-c", "import sys; from fractal_farm.cli import main; sys.exit(main())"]
+    for _ in range(12):
+        process = subprocess.Popen([*command, "verify", str(root), "--repair"], stdout=subprocess.DEVNULL)
+        while not verify_is_at_work(root, process):
+            time.sleep(0.001)
+        time.sleep(chance.uniform(0.0, 0.15))
+        process.kill()
+        process.wait()
+        assert verify(root, "quick").exit_code in (0, 1)
+    assert repair(root, "full", remakers(root)).exit_code == 0
+    assert contents(root) == before
+
+
+def verify_is_at_work(root, process):
+    (lock,) = root.glob("runs/*/lock")
+    return lock.read_text().startswith(f"process {process.pid} ") or process.poll() is not None
+
+
+@pytest.mark.parametrize("lost", [0, -1])
 def test_a_lost_part_grows_again_when_the_run_is_resumed(grown, root, lost):
     sorted((root / "manifest/designs").iterdir())[lost].write_bytes(b"")
     assert repair(root, "full", remakers(root)).exit_code == 3
@@ -232,6 +267,23 @@ def test_a_catalogue_from_before_documents_were_sealed_is_sound(root):
     assert verify(root, "full").findings == ()
     (root / "zarr.json").write_bytes(group_metadata({"format": "1.0", "min_reader": "0.0", "features": []}))
     assert verify(root, "quick").exit_code == 1
+
+
+def test_every_bit_of_the_root_documents_counts(root):
+    for key in ("zarr.json", "clouds/zarr.json"):
+        content = (root / key).read_bytes()
+        assert shards.is_root_document(key, content)
+        assert not any(shards.is_root_document(key, flipped(content, bit)) for bit in range(8 * len(content)))
+    about = (root / "zarr.json").read_bytes()
+    (root / "zarr.json").write_bytes(about.replace(b'"min_reader": "1.0"', b'"min_reader": "9.0"'))
+    assert verify(root, "quick").exit_code == 1
+
+
+def test_a_catalogue_of_a_newer_format_is_refused(root):
+    newer = {"format": "9.0", "min_reader": "9.0", "features": []}
+    (root / "zarr.json").write_bytes(shards.sealed_group_metadata(newer))
+    with pytest.raises(InputError, match="install a newer"):
+        verify(root, "quick")
 
 
 def test_what_is_no_catalogue_is_refused(tmp_path):

@@ -74,10 +74,10 @@ def _runs(contents: Contents) -> Iterator[Finding]:
             problem = "damaged: its checksum does not match"
             yield Finding(key, "run", problem, "`farm verify --repair` mends it if it is one flipped bit")
     for key in sorted(contents.sizes.keys() | contents.directories):
-        if re.fullmatch(rf"{RUNS}/[^/]*/final~\d+~[0-9a-f]{{8}}\.json", key):
+        if re.fullmatch(rf"{RUNS}/[^/]*/[a-z]+~\d+~[0-9a-f]{{8}}\.json", key):
             content = contents.read(key)
             if isinstance(content, str) or crc32c(content) != named_checksum(key) or opened_document(content) is None:
-                remedy = "`farm verify --repair` mends it if it is one flipped bit; otherwise `farm resume` writes one"
+                remedy = "`farm verify --repair` mends it if it is one flipped bit"
                 yield Finding(key, "end", "damaged: its checksum does not match", remedy)
         elif re.fullmatch(rf"{RUNS}/[^/]*/lock", key) and key in contents.directories:
             yield Finding(key, "leftover", "a directory stands in place of the lock", _RESUME)

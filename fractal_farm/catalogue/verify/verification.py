@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
 from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, RUNS
 from fractal_farm.catalogue.reader import Catalogue
-from fractal_farm.catalogue.shards import ROOT
+from fractal_farm.catalogue.shards import ROOT, is_root_document
 from fractal_farm.catalogue.verify.bytes_of_files import byte_findings
 from fractal_farm.catalogue.verify.contents import Contents, listed_contents
 from fractal_farm.catalogue.verify.findings import Finding, Level, Report
@@ -59,11 +60,9 @@ def check_is_catalogue(root: Path) -> None:
         raise InputError(f"{root}: {'is a file' if root.exists() else 'no such directory'}; give a catalogue")
     if not any((root / name).exists() for name in (RUNS, DESIGNS, f"{CLOUDS}/{ROOT}")):
         raise InputError(f"{root}: not a catalogue (it has neither runs nor a manifest); give the directory of a run")
-    try:
-        Catalogue.open(root)
-    except InputError as error:
-        if "install a newer" in str(error):
-            raise
+    with contextlib.suppress(OSError):
+        if is_root_document(ROOT, (root / ROOT).read_bytes()):
+            Catalogue.open(root)
 
 
 def _digests(contents: Contents) -> Iterator[Finding]:
