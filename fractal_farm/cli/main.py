@@ -29,6 +29,7 @@ app = typer.Typer(
 )
 app.command("submit")(run_commands.submit)
 app.command("resume")(run_commands.resume)
+app.command("stop")(run_commands.stop)
 app.command("status")(status.status)
 app.command("report")(status.report)
 app.add_typer(jobs.app, name="jobs")

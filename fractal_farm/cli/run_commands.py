@@ -42,6 +42,11 @@ ExecutorOption = Annotated[
     ExecutorName | None, typer.Option(help="ray, or serial: in this process alone.", show_default=False)
 ]
 
+RunOption = Annotated[
+    str | None,
+    typer.Option("--run", metavar="ID", help="Run of a catalogue that holds several.", show_default=False),
+]
+
 
 def submit(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the run.")],
@@ -84,6 +89,7 @@ def submit(
 
 def resume(
     directory: DirectoryArgument,
+    run: RunOption = None,
     address: AddressOption = None,
     executor: ExecutorOption = None,
     overrides: SetOption = None,
@@ -92,7 +98,7 @@ def resume(
 ) -> int:
     """Go on with an interrupted run, or extend one.
 
-    More of the same run: --set stop.epochs=40.
+    More of the same run: --set stop.epochs=40. What is set here is remembered by the next farm resume.
     """
     from fractal_farm import farm
     from fractal_farm.cli.progress import progress_display
@@ -101,16 +107,30 @@ def resume(
         from fractal_farm.farm.on_ray import jobs
 
         _only_on_a_cluster(executor, into=False)
+        if run is not None:
+            raise InputError("--run: not together with --detach; resume it from where the catalogue is")
         return _detached(jobs.detach_resume(str(directory), overrides or (), address), address, as_json)
     with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.resume(
             directory,
+            run=run,
             overrides=overrides or (),
             address=address,
             executor=_name(executor),
             callbacks=[display],
         )
     return _report(summary, as_json)
+
+
+def stop(directory: DirectoryArgument, run: RunOption = None) -> None:
+    """End a live run at the last epoch that all islands have completed, and wait until it has.
+
+    It may run in another terminal, or on another machine that sees the directory. farm resume goes on.
+    """
+    from fractal_farm import farm
+
+    epochs = farm.stop(directory, run=run, said=lambda: say("asked to end; waiting for the last commit"))
+    say(f"ended after {epochs:,} epochs; go on with: farm resume {directory}")
 
 
 def _only_on_a_cluster(executor: ExecutorName | None, into: bool) -> None:
@@ -139,8 +159,8 @@ def _saying_how_to_resume(directory: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        if (directory / "zarr.json").exists():
-            say(f"go on from the last commit with: farm resume {directory}")
+        begun = (directory / "zarr.json").exists()
+        say(f"interrupted; go on from the last commit with: farm resume {directory}" if begun else "interrupted")
         raise
 
 

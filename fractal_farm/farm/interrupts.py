@@ -1,4 +1,7 @@
-"""Ctrl-C and SIGTERM: the first asks the run to end at its last complete epoch, the second ends the process."""
+"""Ctrl-C and SIGTERM: the first asks the run to end at its last complete epoch, the second ends it at once.
+
+Once it ends at once, further signals change nothing: the workers are being sent away.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,9 @@ def interrupts() -> Iterator[Callable[[], str | None]]:
     reason: list[str] = []
 
     def handle(number: int, _frame: FrameType | None) -> None:
-        if reason:
-            raise KeyboardInterrupt
         reason.append("interrupted" if number == signal.SIGINT else "asked to end (SIGTERM)")
+        if len(reason) == 2:
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

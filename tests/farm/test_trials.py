@@ -132,6 +132,7 @@ def _on_ray(tmp_path, monkeypatch, config, evaluate, callbacks=()):
     return farm.submit(config, tmp_path / "ray", executor="ray", callbacks=callbacks)
 
 
+@pytest.mark.slow
 @pytest.mark.ray
 def test_a_run_sets_deadly_genomes_aside_and_finds_all_others(ray_cluster, tmp_path, monkeypatch):
     config, recorder = small_config("stop.epochs=1"), Recorder()
@@ -148,6 +149,7 @@ def test_a_run_sets_deadly_genomes_aside_and_finds_all_others(ray_cluster, tmp_p
     assert all("SIGSEGV" in verdict.reason for _, _, verdict in committed)
 
 
+@pytest.mark.slow
 @pytest.mark.ray
 def test_batches_killed_from_outside_change_nothing(ray_cluster, tmp_path, monkeypatch):
     config, recorder = small_config("stop.epochs=1"), Recorder()

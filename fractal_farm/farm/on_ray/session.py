@@ -154,6 +154,8 @@ def _start(address: str | None, workers: int | None, metrics: int | None) -> Non
             )
         else:
             ray.init(address=address, **options)
+    except SystemExit:  # Ray's own handler of SIGTERM
+        raise KeyboardInterrupt from None
     except Exception as error:
         # Ray raises all kinds when one of its processes dies while it starts.
         reason = (str(error) or type(error).__name__).splitlines()[0]
