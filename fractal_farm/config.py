@@ -23,7 +23,7 @@ from fractal_farm.untrusted import Section, explain, override_value, read_yaml, 
 
 __all__ = ["RunConfig", "load_genomes"]
 
-IDENTITY_VERSION = 1
+IDENTITY_VERSION = 2
 
 Probability = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -103,6 +103,22 @@ class PhenotypeConfig(PhenotypeSection):
     points: int = Field(5000, ge=500, le=200_000, description="points of a cloud for the fitness")
 
 
+class NichesConfig(Section):
+    """The archive of distinct designs that `method: niches` breeds from."""
+
+    capacity: int = Field(20_000, ge=2, le=1_000_000, description="designs in the archive of an island")
+    gap: float = Field(
+        0.8 / 30, gt=0, lt=1, description="gap up to which a design prints in one piece: its wall over its size"
+    )
+    crossover: Probability = Field(0.3, description="share of offspring that are crossed")
+    probabilities: Annotated[tuple[Probability, ...], Strict(False), Field(min_length=1, max_length=16)] = Field(
+        (0.05, 0.15, 0.5), description="probabilities of an allele's mutation; each offspring draws one"
+    )
+    sigmas: Annotated[
+        tuple[Annotated[float, Field(gt=0, le=10)], ...], Strict(False), Field(min_length=1, max_length=16)
+    ] = Field((0.1, 0.3, 1.0), description="standard deviations of mutations; each offspring draws one")
+
+
 class FitnessConfig(Section):
     """The constants of eq 3.7; pairs are (centre, width) of a Gaussian term."""
 
@@ -117,10 +133,10 @@ class EvolutionConfig(Section):
     """What decides the designs: the identity of a run."""
 
     seed: int = Field(20261123, ge=0, le=2**63 - 1, description="of all random streams")
-    method: Literal["best", "paper", "random"] = Field(
+    method: Literal["niches", "best", "paper", "random"] = Field(
         "best",
-        description="best: a library of the best; paper: the paper's algorithm; random: no evolution",
-        json_schema_extra={"later": ["niches"]},
+        description="niches: an archive of distinct designs; best: a library of the best; paper: the paper's "
+        "algorithm; random: no evolution",
     )
     islands: int = Field(8, ge=1, le=1024, description="populations that evolve side by side")
     generations_per_epoch: int = Field(5, ge=1, le=1000, description="generations between two exchanges")
@@ -139,6 +155,7 @@ class EvolutionConfig(Section):
         (1.0, 3.0), description="range of the Moran dimension of candidates; null: any"
     )
     migration: MigrationConfig = MigrationConfig()
+    niches: NichesConfig = NichesConfig()
     phenotype: PhenotypeConfig = PhenotypeConfig()
     fitness: FitnessConfig = FitnessConfig()
 

@@ -22,6 +22,7 @@ class Purpose(enum.IntEnum):
     EMIGRANTS = 5
     REPLACEMENT = 6
     TOPOLOGY = 7
+    SCALES = 8
 
 
 def stream(

@@ -87,7 +87,6 @@ def test_a_wrong_value_is_one_line_with_key_value_and_remedy(
 @pytest.mark.parametrize(
     ("text", "key", "offered"),
     [
-        ("evolution: {method: niches}", "evolution.method is 'niches'", "best, paper or random"),
         ("catalogue: {keep: distinct}", "catalogue.keep is 'distinct'", "qualified or accepted"),
         ("stop: {distinct: 500}", "stop.distinct is 500", "null"),
     ],
@@ -256,7 +255,8 @@ OTHER_VALUES: dict[str, Any] = {
     "migration.lag": 2, "migration.emigrants": 1, "migration.selection": "random", "migration.replacement": "worst",
     "phenotype.family": "affine", "phenotype.points": 1000, "phenotype.influence": 2.0,
     "phenotype.map_form": "rho R x + d", "phenotype.rotation_sign": -1, "fitness.amplitude": 1.0,
-    "fitness.baseline": 0.0, "fitness.d0": [0.3, 0.8], "fitness.d2": [0.4, 0.7], "fitness.lle": [0.0, 1.0],
+    "niches.capacity": 9, "niches.gap": 0.1, "niches.crossover": 0.1, "niches.probabilities": [0.1],
+    "niches.sigmas": [0.5], "fitness.baseline": 0.0, "fitness.d0": [0.3, 0.8], "fitness.d2": [0.4, 0.7], "fitness.lle": [0.0, 1.0],
 }  # fmt: skip
 
 

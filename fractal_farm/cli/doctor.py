@@ -145,7 +145,8 @@ def _kernels() -> Iterator[Check]:
     remedy = "set NUMBA_CACHE_DIR to a directory that you may write to"
     yield Check("kernel cache", cache is not None, str(cache or "nowhere to write to"), remedy)
     start = time.perf_counter()
-    segment = Genome([[0.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5, -1.0, 0.0, 0.0]])
+    rows = [[0.0, 0.0, 0.0, 0.5, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5, -1.0, 0.0, 0.0]]
+    segment = Genome(np.array(rows))
     dimension = float(evaluate([segment]).d2[0])
     seconds = time.perf_counter() - start
     found = f"ready in {seconds:.1f} s; a line segment has D2 {dimension:.3f}"

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fractal_farm.distinctness import DESCRIPTOR_LENGTH
+
 Designs = npt.NDArray[Any]
-SCORE_FIELDS = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error")
+SCORE_FIELDS = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error", "gap")
 
 
 class Operator(enum.IntEnum):
@@ -36,7 +38,8 @@ def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
 
     Returns:
         Structured dtype. `design_id` and `parents` are 32 hex digits as bytes (empty: no parent); `genes` is
-        (max_maps, row_length) float64; scores are float64; the birth place is island, epoch, generation, slot.
+        (max_maps, row_length) float64; scores are float64, and nan where they were not asked for, as the descriptor
+        is; hits counts near-duplicates of a member of an archive; the birth place is island, epoch, generation, slot.
     """
     return np.dtype(
         [
@@ -44,6 +47,8 @@ def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
             ("genes", "<f8", (max_maps, row_length)),
             ("n_maps", "<i8"),
             *((name, "<f8") for name in SCORE_FIELDS),
+            ("descriptor", "<f4", (DESCRIPTOR_LENGTH,)),
+            ("hits", "<i4"),
             ("parents", "S32", (2,)),
             ("operator", "u1"),
             ("island", "<i4"),

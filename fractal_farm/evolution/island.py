@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
+from fractal_farm.distinctness import DESCRIPTOR_LENGTH
+from fractal_farm.evolution.archive import Archive, parent_weights
 from fractal_farm.evolution.designs import (
     SCORE_FIELDS,
     Designs,
@@ -31,17 +33,38 @@ ACCEPTED_BLOCKS_LIMIT = 1024
 
 
 class Candidates(NamedTuple):
-    """Genomes to evaluate: genes (B, M, K) float64, padded with 0, and n_maps (B,) int64."""
+    """Genomes to evaluate.
+
+    Attributes:
+        genes: (B, M, K) float64, padded with 0.
+        n_maps: (B,) int64.
+        wanted: "scores", or "gap" for that number alone.
+    """
 
     genes: npt.NDArray[np.float64]
     n_maps: npt.NDArray[np.int64]
+    wanted: Literal["scores", "gap"] = "scores"
 
 
 class Scores(NamedTuple):
-    """Their scores: values (B, 6) float64 in the order of `SCORE_FIELDS`, refusals (B,) uint8 (`Refusal` codes)."""
+    """What was found out about candidates.
+
+    Attributes:
+        values: (B, 7) float64 in the order of `SCORE_FIELDS`, nan where it was not wanted.
+        refusals: (B,) uint8 `Refusal` codes.
+        descriptors: (B, 14) float32, nan where it was not wanted.
+    """
 
     values: npt.NDArray[np.float64]
     refusals: npt.NDArray[np.uint8]
+    descriptors: npt.NDArray[np.float32]
+
+    @classmethod
+    def unknown(cls, count: int) -> Scores:
+        """Scores of so many candidates that nothing is known of."""
+        values = np.full((count, len(SCORE_FIELDS)), np.nan)
+        descriptors = np.full((count, DESCRIPTOR_LENGTH), np.nan, np.float32)
+        return cls(values, np.zeros(count, np.uint8), descriptors)
 
 
 @dataclass(frozen=True)
@@ -92,6 +115,7 @@ class EpochRecord:
         statistics: one entry a generation.
         arrivals: (source island, number sent) for each source; `settled` of them found a place.
         settled: number of arrivals that found a place.
+        hits: hits of every member of the new library; empty without niches.
     """
 
     island: int
@@ -104,13 +128,15 @@ class EpochRecord:
     statistics: tuple[GenerationStatistics, ...]
     arrivals: tuple[tuple[int, int], ...] = ()
     settled: int = 0
+    hits: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
 
 @dataclass
 class _Epoch:
-    """The working space of one epoch."""
+    """The working space of one epoch; with niches the archive holds the library."""
 
     library: Designs
+    archive: Archive | None = None
     born: list[Designs] = field(default_factory=list)
     statistics: list[GenerationStatistics] = field(default_factory=list)
 
@@ -123,7 +149,10 @@ def founding_state(config: EvolutionConfig) -> IslandState:
 
 def library_after(previous: Designs, record: EpochRecord) -> Designs:
     """The library at the end of a record's epoch, from the one before it."""
-    return np.concatenate([previous[record.survivors], record.entrants])[record.order]
+    library = np.concatenate([previous[record.survivors], record.entrants])[record.order]
+    if len(record.hits):
+        library["hits"] = record.hits
+    return library
 
 
 def advance(
@@ -149,21 +178,19 @@ def advance(
         The record of the epoch (as the generator's value).
     """
     before = state.library
-    work = _Epoch(before)
+    work = _Epoch(before, Archive(before, config) if config.method == "niches" else None)
     first = epoch * config.generations_per_epoch + 1
     if epoch == 0:
         brood = founders(config, island)
         scores = yield from _evaluated(brood)
-        _found(work, brood, scores, config, island)
-    settled = 0
-    if inbox:
-        policy = config.migration.replacement
-        arrivals = np.concatenate([leaving for _source, leaving in inbox])
-        work.library, settled = settle(work.library, arrivals, policy, config.seed, island, first)
+        yield from _found(work, brood, scores, config, island)
+    settled = _settled(work, inbox, config, island, first) if inbox else 0
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
     after = work.library
-    leaving = emigrants(after, config.migration.selection, config.migration.emigrants, config.seed, island, generation)
+    merit = after["fitness"] if work.archive is None else parent_weights(after, config)
+    migration = config.migration
+    leaving = emigrants(after, merit, migration.selection, migration.emigrants, config.seed, island, generation)
     place_before = {identity: k for k, identity in enumerate(before["design_id"].tolist())}
     origin = [place_before.get(identity, -1) for identity in after["design_id"].tolist()]
     stayed = [k for k, at in enumerate(origin) if at >= 0]
@@ -181,6 +208,7 @@ def advance(
         tuple(work.statistics),
         tuple((source, len(leaving)) for source, leaving in inbox),
         settled,
+        after["hits"] if work.archive is not None else np.zeros(0, np.int32),
     )
 
 
@@ -195,11 +223,17 @@ def drive(steps: Generator[Candidates, Scores, EpochRecord], evaluate: Callable[
         return record
 
 
-def _found(work: _Epoch, brood: Brood, scores: Scores, config: EvolutionConfig, island: int) -> None:
-    """The first library: every founder that has a score, whatever its fitness (the cut-off does not apply to it)."""
+def _found(
+    work: _Epoch, brood: Brood, scores: Scores, config: EvolutionConfig, island: int
+) -> Generator[Candidates, Scores, None]:
+    """The first library: every founder that has a score, whatever its fitness; of an archive, as any generation."""
     rows = _scored(brood, scores, config, island, 0, 0)
-    found = without_repeats(_identified(rows[scores.refusals == 0], config), work.library)
-    work.library = np.concatenate([work.library, found])
+    scored = rows[scores.refusals == 0]
+    if work.archive is not None:
+        found = yield from _enter(work, work.archive, scored, config)
+    else:
+        found = without_repeats(_identified(scored, config), work.library)
+        work.library = np.concatenate([work.library, found])
     # Every island begins with the same seeds; they are born on the first.
     work.born.append(found if island == 0 else found[found["operator"] != Operator.SEED])
     work.statistics.append(_statistics(work, config, 0, rows["fitness"], scores.refusals, len(found)))
@@ -232,11 +266,51 @@ def _generation(
             break
     scored = np.concatenate(rows) if rows else work.library[:0]
     refused = np.concatenate(refusals) if refusals else np.zeros(0, np.uint8)
-    joined = _join(work, scored[(refused == 0) & (scored["fitness"] >= config.elimination)], config)
-    work.statistics.append(_statistics(work, config, generation, scored["fitness"], refused, joined))
+    passed = scored[(refused == 0) & (scored["fitness"] >= config.elimination)]
+    if work.archive is not None:
+        newcomers = yield from _enter(work, work.archive, passed, config)
+    else:
+        newcomers = _join(work, passed, config)
+    work.born.append(newcomers)
+    work.statistics.append(_statistics(work, config, generation, scored["fitness"], refused, len(newcomers)))
 
 
-def _join(work: _Epoch, accepted: Designs, config: EvolutionConfig) -> int:
+def _enter(
+    work: _Epoch, archive: Archive, scored: Designs, config: EvolutionConfig
+) -> Generator[Candidates, Scores, Designs]:
+    """The distinct among the qualified enter the archive, with their gap; those that did."""
+    qualified = scored[scored["fitness"] > config.qualified]
+    offered = without_repeats(_identified(qualified, config), archive.library)
+    entered, rivals = archive.sift(offered)
+    asked = offered[entered + [index for index, _ in rivals]]
+    if len(asked):
+        scores = yield Candidates(asked["genes"], asked["n_maps"], "gap")
+        asked["gap"] = scores.values[:, SCORE_FIELDS.index("gap")]
+    newcomers = asked[: len(entered)]
+    archive.library["gap"][len(archive.library) - len(entered) :] = newcomers["gap"]
+    successors = archive.replace(asked[len(entered) :], [member for _, member in rivals])
+    archive.trim()
+    work.library = archive.library
+    return np.concatenate([newcomers, successors])
+
+
+def _settled(
+    work: _Epoch, inbox: list[tuple[int, Designs]], config: EvolutionConfig, island: int, generation: int
+) -> int:
+    """Let arrivals find their places; how many did."""
+    arrivals = np.concatenate([leaving for _source, leaving in inbox])
+    if work.archive is None:
+        policy = config.migration.replacement
+        work.library, settled = settle(work.library, arrivals, policy, config.seed, island, generation)
+        return settled
+    arrivals["hits"] = 0
+    entered, _ = work.archive.sift(without_repeats(arrivals, work.archive.library))
+    work.archive.trim()
+    work.library = work.archive.library
+    return len(entered)
+
+
+def _join(work: _Epoch, accepted: Designs, config: EvolutionConfig) -> Designs:
     """Accepted offspring join the library; with `keep_best` only those that are among its best afterwards."""
     best_only = config.library.growth == "keep_best"
     if best_only and len(work.library) >= config.library.size:
@@ -248,14 +322,13 @@ def _join(work: _Epoch, accepted: Designs, config: EvolutionConfig) -> int:
         library = library[total_order(library)[: config.library.size]]
         newcomers = newcomers[np.isin(newcomers["design_id"], library["design_id"])]
     work.library = library
-    work.born.append(newcomers)
-    return len(newcomers)
+    return newcomers
 
 
 def _evaluated(brood: Brood) -> Generator[Candidates, Scores, Scores]:
     """The scores of a brood; nobody is asked about an empty one."""
     if not len(brood.slots):
-        return Scores(np.zeros((0, len(SCORE_FIELDS))), np.zeros(0, np.uint8))
+        return Scores.unknown(0)
     scores = yield Candidates(brood.genes, brood.n_maps)
     return scores
 
@@ -267,6 +340,7 @@ def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, 
     rows["n_maps"] = brood.n_maps
     for column, name in enumerate(SCORE_FIELDS):
         rows[name] = scores.values[:, column]
+    rows["descriptor"] = scores.descriptors
     rows["parents"] = brood.parents
     rows["operator"] = brood.operators
     rows["island"] = island

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 
 from fractal_farm.evolution.designs import Designs, total_order, without_repeats
 from fractal_farm.random_streams import Purpose, stream
+
+Merit = npt.NDArray[np.float64]
 
 
 def sources(topology: str, islands: int, degree: int, seed: int) -> list[tuple[int, ...]]:
@@ -45,23 +48,36 @@ def sources(topology: str, islands: int, degree: int, seed: int) -> list[tuple[i
     return [tuple(sorted(circle[(place[island] + step) % islands] for step in steps)) for island in range(islands)]
 
 
-def _best(library: Designs, count: int, _rng: np.random.Generator) -> list[int]:
-    return [int(index) for index in total_order(library)[:count]]
+def _best(library: Designs, merit: Merit, count: int, _rng: np.random.Generator) -> list[int]:
+    order = np.lexsort((library["slot"], library["generation"], library["island"], -merit))
+    return [int(index) for index in order[:count]]
 
 
-def _random(library: Designs, count: int, rng: np.random.Generator) -> list[int]:
+def _random(library: Designs, _merit: Merit, count: int, rng: np.random.Generator) -> list[int]:
     return sorted(rng.permutation(len(library))[:count].tolist())
 
 
-SELECTIONS: dict[str, Callable[[Designs, int, np.random.Generator], list[int]]] = {
+SELECTIONS: dict[str, Callable[[Designs, Merit, int, np.random.Generator], list[int]]] = {
     "best": _best,
     "random": _random,
 }
 
 
-def emigrants(library: Designs, selection: str, count: int, seed: int, island: int, generation: int) -> list[int]:
-    """Indices of the library's members whose copies leave at the end of an epoch."""
-    return SELECTIONS[selection](library, count, stream(seed, Purpose.EMIGRANTS, island, generation))
+def emigrants(
+    library: Designs, merit: Merit, selection: str, count: int, seed: int, island: int, generation: int
+) -> list[int]:
+    """Indices of the library's members whose copies leave at the end of an epoch.
+
+    Args:
+        library: members.
+        merit: (members,) float64, by which some are better than others.
+        selection: name of the policy.
+        count: how many leave, at most.
+        seed: the run's seed.
+        island: the island that they leave.
+        generation: the last generation of the epoch.
+    """
+    return SELECTIONS[selection](library, merit, count, stream(seed, Purpose.EMIGRANTS, island, generation))
 
 
 def _worst_if_better(library: Designs, arrival: Designs, _rng: np.random.Generator) -> int | None:

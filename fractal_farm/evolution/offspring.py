@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
+from fractal_farm.evolution.archive import parent_weights
 from fractal_farm.evolution.designs import Designs, Operator
 from fractal_farm.evolution.operators import (
     block_crossover,
-    fitness_proportional,
     gaussian_mutation,
+    proportional,
     random_genes,
     similarity_dimension_within,
 )
@@ -90,10 +91,11 @@ def offspring(library: Designs, config: EvolutionConfig, island: int, generation
         The slots that could be filled.
     """
     random = config.method == "random" or len(library) == 0
+    weights = library["fitness"] if config.method != "niches" else parent_weights(library, config)
 
     def draw(attempt: int, rows: Slots) -> Brood:
         place = (island, generation, block, attempt)
-        return _random(config, place, slots, rows) if random else _bred(library, config, place, slots, rows)
+        return _random(config, place, slots, rows) if random else _bred(library, weights, config, place, slots, rows)
 
     brood = _filled(config, slots, draw)
     return brood._replace(slots=brood.slots + np.int32(block * slots))
@@ -132,11 +134,18 @@ def _random(config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> B
     )
 
 
-def _bred(library: Designs, config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> Brood:
+def _bred(
+    library: Designs,
+    weights: npt.NDArray[np.float64],
+    config: EvolutionConfig,
+    place: Place,
+    slots: int,
+    rows: Slots,
+) -> Brood:
     """Offspring for some rows of a block; numbers are drawn for all rows, so that none depends on the others."""
     shape = (slots, max_maps(config), ROW_LENGTH[config.phenotype.family])
     drawn = stream(config.seed, Purpose.PARENTS, *place).random((slots, 2))[rows]
-    first, second = fitness_proportional(library["fitness"], drawn).T
+    first, second = proportional(weights, drawn).T
     n_maps, identities = library["n_maps"], library["design_id"]
     genes, crossed = block_crossover(
         library["genes"][first],
@@ -144,16 +153,17 @@ def _bred(library: Designs, config: EvolutionConfig, place: Place, slots: int, r
         n_maps[first],
         n_maps[second],
         stream(config.seed, Purpose.CROSSOVER, *place).random((slots, 3))[rows],
-        config.crossover.probability,
+        config.crossover.probability if config.method != "niches" else config.niches.crossover,
     )
+    probability, sigma = _scales(config, place, slots, rows)
     rng = stream(config.seed, Purpose.MUTATION, *place)
     genes, mutated = gaussian_mutation(
         genes,
         n_maps[first],
         rng.random(shape)[rows],
         rng.standard_normal(shape)[rows],
-        config.mutation.probability,
-        config.mutation.sigma,
+        probability,
+        sigma,
         config.phenotype.family == "affine",
     )
     lineage = np.stack([identities[first], np.where(crossed, identities[second], b"")], axis=1)
@@ -162,3 +172,17 @@ def _bred(library: Designs, config: EvolutionConfig, place: Place, slots: int, r
         [Operator.COPY, Operator.CROSSOVER, Operator.MUTATION, Operator.CROSSOVER_MUTATION],
     )
     return Brood(rows.astype(np.int32), genes, n_maps[first], lineage.astype("S32"), operators.astype(np.uint8))
+
+
+def _scales(
+    config: EvolutionConfig, place: Place, slots: int, rows: Slots
+) -> tuple[float, float] | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Probability and standard deviation of mutation: one for all, or with niches drawn for each slot, (rows, 1, 1)."""
+    if config.method != "niches":
+        return config.mutation.probability, config.mutation.sigma
+    drawn = stream(config.seed, Purpose.SCALES, *place).random((slots, 2))[rows]
+    choices = (np.array(config.niches.probabilities), np.array(config.niches.sigmas))
+    probability, sigma = (
+        values[(drawn[:, k] * len(values)).astype(np.intp)][:, None, None] for k, values in enumerate(choices)
+    )
+    return probability, sigma

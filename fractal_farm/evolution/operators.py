@@ -66,21 +66,21 @@ def random_genes(
     return genes, n_maps
 
 
-def fitness_proportional(fitness: FloatArray, uniform: FloatArray) -> npt.NDArray[np.intp]:
-    """Parents drawn with probability proportional to fitness; uniformly if nobody has any.
+def proportional(weights: FloatArray, uniform: FloatArray) -> npt.NDArray[np.intp]:
+    """Parents drawn with probability proportional to a weight, such as fitness; uniformly if nobody has any.
 
     Args:
-        fitness: (members,) float64, at least 0.
+        weights: (members,) float64, at least 0.
         uniform: any shape, float64 in [0, 1).
 
     Returns:
         Indices of members in the shape of `uniform`.
     """
-    cumulative = np.cumsum(fitness)
+    cumulative = np.cumsum(weights)
     if not cumulative[-1] > 0.0:
-        return np.minimum((uniform * len(fitness)).astype(np.intp), len(fitness) - 1)
+        return np.minimum((uniform * len(weights)).astype(np.intp), len(weights) - 1)
     drawn = np.searchsorted(cumulative, uniform * cumulative[-1], side="right")
-    return np.asarray(np.minimum(drawn, len(fitness) - 1), np.intp)
+    return np.asarray(np.minimum(drawn, len(weights) - 1), np.intp)
 
 
 def block_crossover(
@@ -120,8 +120,8 @@ def gaussian_mutation(
     n_maps: IntArray,
     uniform: FloatArray,
     normal: FloatArray,
-    probability: float,
-    sigma: float,
+    probability: float | FloatArray,
+    sigma: float | FloatArray,
     affine: bool,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Eq 3.6: each allele moves by sigma N(0, 1) with the given probability; then the genome is repaired.
@@ -131,8 +131,8 @@ def gaussian_mutation(
         n_maps: (slots,) numbers of maps.
         uniform: (slots, M, K) float64 in [0, 1).
         normal: (slots, M, K) float64 standard normal.
-        probability: of each allele.
-        sigma: standard deviation of a move.
+        probability: of each allele; one for all slots, or (slots, 1, 1).
+        sigma: standard deviation of a move; one for all slots, or (slots, 1, 1).
         affine: whether rows are general affine maps.
 
     Returns:

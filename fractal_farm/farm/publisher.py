@@ -5,10 +5,12 @@ Clouds are grown where they are written and travel nowhere: a genome is small an
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from fractal_farm.catalogue import Catalogue, CommitReceipt, RunWriter, design_table, write_snapshot
 from fractal_farm.catalogue.fence import writing
@@ -48,7 +50,7 @@ class Publisher:
         genome = Genome(candidates.genes[0, : int(candidates.n_maps[0])], self._phenotype)
         gap(genome)
         similarity_dimension(genome)
-        shape_descriptor(attractor_points(genome, self._points))
+        self._descriptor(genome)
         design_table([genome], {})
         quantised_attractors([genome], self._points)
 
@@ -64,14 +66,17 @@ class Publisher:
         kept = part.kept[np.sort(first)]
         genomes = [Genome(row["genes"][: int(row["n_maps"])], self._phenotype) for row in rows]
         designs = [genome for genome, is_kept in zip(genomes, kept, strict=True) if is_kept]
-        gaps = [gap(genome) if is_kept else None for genome, is_kept in zip(genomes, kept, strict=True)]
+        gaps = [
+            (gap(genome) if math.isnan(row["gap"]) else float(row["gap"])) if is_kept else None
+            for genome, row, is_kept in zip(genomes, rows, kept, strict=True)
+        ]
         columns = _columns(rows) | {
             "kind": ["design" if is_kept else "ancestor" for is_kept in kept],
             "gap": gaps,
             "similarity_dimension": [similarity_dimension(genome) for genome in genomes],
             "descriptor": [
-                shape_descriptor(attractor_points(genome, self._points)) if is_kept else None
-                for genome, is_kept in zip(genomes, kept, strict=True)
+                (self._descriptor(genome) if np.isnan(row["descriptor"][0]) else row["descriptor"]) if is_kept else None
+                for genome, row, is_kept in zip(genomes, rows, kept, strict=True)
             ],
         }
         epochs = (part.first_epoch, part.last_epoch)
@@ -83,6 +88,9 @@ class Publisher:
                 write_snapshot(self._root, self._run_id, part.last_epoch, part.snapshot, self._durability)
         known = {genome.design_id: value for genome, value in zip(genomes, gaps, strict=True) if value is not None}
         return PartReceipt(part.first_epoch, part.last_epoch, len(designs), receipt.files, receipt.bytes, known)
+
+    def _descriptor(self, genome: Genome) -> npt.NDArray[np.float32]:
+        return shape_descriptor(attractor_points(genome, self._points))
 
     def store_solid(self, order: MeshOrder, files: dict[str, bytes]) -> None:
         """Put a finished solid into the catalogue; see `publish` for what is raised."""

@@ -14,8 +14,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import SCORE_FIELDS
@@ -87,8 +85,9 @@ def evaluate_with_care(
             else:
                 half = len(batch.n_maps) // 2
                 number, first = place
-                lost.append((place, Candidates(batch.genes[:half], batch.n_maps[:half]), 1))
-                lost.append(((number, first + half), Candidates(batch.genes[half:], batch.n_maps[half:]), 1))
+                ahead = batch._replace(genes=batch.genes[:half], n_maps=batch.n_maps[:half])
+                behind = batch._replace(genes=batch.genes[half:], n_maps=batch.n_maps[half:])
+                lost += [(place, ahead, 1), ((number, first + half), behind, 1)]
         waiting = lost
     return joined([found[place] for place in sorted(found)]), set_aside
 
@@ -118,9 +117,10 @@ def _verdict(
 
 def refused() -> Scores:
     """What stands in place of the scores of a genome that was set aside."""
-    values = np.full((1, len(SCORE_FIELDS)), np.nan)
-    values[0, SCORE_FIELDS.index("fitness")] = 0.0
-    return Scores(values, np.array([Refusal.SET_ASIDE], np.uint8))
+    scores = Scores.unknown(1)
+    scores.values[0, SCORE_FIELDS.index("fitness")] = 0.0
+    scores.refusals[0] = Refusal.SET_ASIDE
+    return scores
 
 
 def trial(evaluate: Evaluate, single: Candidates, config: EvolutionConfig) -> Scores | Death:

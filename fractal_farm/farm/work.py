@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.errors import FarmError
-from fractal_farm.evolution.designs import Designs
+from fractal_farm.evolution.designs import SCORE_FIELDS, Designs
 from fractal_farm.evolution.island import Candidates, Scores
 from fractal_farm.evolution.offspring import founders
-from fractal_farm.ifs.genome import Genome
+from fractal_farm.ifs.genome import Genome, Phenotype
 
 if TYPE_CHECKING:
     from fractal_farm.solid import SolidParameters
@@ -96,18 +96,34 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     """Random iteration and fitness of a block of genomes (compiled; releases the GIL)."""
     from fractal_farm.fitness import FitnessFormula, evaluate_batch
 
+    phenotype = config.phenotype.phenotype()
+    if candidates.wanted == "gap":
+        return _gaps(candidates, phenotype)
     constants = config.fitness
     formula = FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
     result = evaluate_batch(
         candidates.genes,
         candidates.n_maps,
-        config.phenotype.phenotype(),
+        phenotype,
         config.phenotype.points,
         formula,
-        described_from=math.inf,
+        described_from=config.qualified if config.method == "niches" else math.inf,
     )
-    values = np.column_stack([result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error])
-    return Scores(values, result.refusal)
+    gaps = np.full(len(result.fitness), np.nan)
+    values = np.column_stack([result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error, gaps])
+    return Scores(values, result.refusal, result.descriptor)
+
+
+def _gaps(candidates: Candidates, phenotype: Phenotype) -> Scores:
+    """The gaps of a block of genomes, and nothing else."""
+    from fractal_farm.ifs.gap import gap
+
+    scores = Scores.unknown(len(candidates.n_maps))
+    scores.values[:, SCORE_FIELDS.index("gap")] = [
+        gap(Genome(genes[:count], phenotype))
+        for genes, count in zip(candidates.genes, candidates.n_maps.tolist(), strict=True)
+    ]
+    return scores
 
 
 def sample_candidates(config: EvolutionConfig) -> Candidates:
@@ -133,11 +149,12 @@ def split(candidates: Candidates, size: int | None) -> list[Candidates]:
     count = len(candidates.n_maps)
     step = max(1, count if size is None else size)
     return [
-        Candidates(candidates.genes[k : k + step], candidates.n_maps[k : k + step])
+        candidates._replace(genes=candidates.genes[k : k + step], n_maps=candidates.n_maps[k : k + step])
         for k in range(0, max(count, 1), step)
     ]
 
 
 def joined(scores: list[Scores]) -> Scores:
     """The scores of batches, put together again."""
-    return Scores(np.concatenate([part.values for part in scores]), np.concatenate([part.refusals for part in scores]))
+    columns: Any = zip(*scores, strict=True)
+    return Scores(*(np.concatenate(parts) for parts in columns))

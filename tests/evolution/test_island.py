@@ -23,11 +23,13 @@ from tests.table1 import TABLE1
 
 def landscape(candidates: Candidates) -> Scores:
     """Fitness falls with the distance of the offsets from the origin; genomes with a steep first pitch are refused."""
-    values = np.zeros((len(candidates.n_maps), 6))
+    scores = Scores.unknown(len(candidates.n_maps))
+    values, refusals = scores.values, scores.refusals
+    values[:] = 0.0
     values[:, 3] = np.clip(1.0 - np.abs(candidates.genes[:, :, 4:]).sum(axis=(1, 2)) / 10.0, 0.0, 1.0)
-    refusals = (candidates.genes[:, 0, 0] > 3.0).astype(np.uint8)
+    refusals[:] = candidates.genes[:, 0, 0] > 3.0
     values[refusals > 0, 3] = 0.0
-    return Scores(values, refusals)
+    return scores
 
 
 def evolve(config, epochs, island=0, inbox=(), evaluate=landscape):

@@ -47,15 +47,15 @@ def test_random_graphs_connect_all_islands():
 
 def test_the_best_leave_in_the_total_order():
     library = _members([0.3, 0.9, 0.9, 0.1])
-    assert emigrants(library, "best", 3, 1, 0, 5) == [1, 2, 0]
+    assert emigrants(library, library["fitness"], "best", 3, 1, 0, 5) == [1, 2, 0]
 
 
 def test_random_emigrants_are_different_members_and_change_with_the_generation():
     library = _members(np.linspace(0, 1, 50))
-    leaving = [emigrants(library, "random", 5, 1, 0, generation) for generation in range(20)]
+    leaving = [emigrants(library, library["fitness"], "random", 5, 1, 0, generation) for generation in range(20)]
     assert all(len(set(one)) == 5 for one in leaving)
     assert len({tuple(one) for one in leaving}) == 20
-    assert emigrants(library, "random", 80, 1, 0, 5) == list(range(50))
+    assert emigrants(library, library["fitness"], "random", 80, 1, 0, 5) == list(range(50))
 
 
 def test_an_arrival_takes_the_place_of_the_worst_if_it_is_better():

@@ -37,13 +37,13 @@ def test_random_affine_maps_contract_and_are_no_similarities():
 
 def test_parents_are_drawn_in_proportion_to_their_fitness():
     fitness = np.array([0.0, 0.2, 0.5, 0.3])
-    counts = np.bincount(operators.fitness_proportional(fitness, np.random.default_rng(1).random(40_000)), minlength=4)
+    counts = np.bincount(operators.proportional(fitness, np.random.default_rng(1).random(40_000)), minlength=4)
     assert counts[0] == 0
     assert stats.chisquare(counts[1:], 40_000 * fitness[1:]).pvalue > 1e-3
 
 
 def test_without_any_fitness_the_draw_is_uniform():
-    counts = np.bincount(operators.fitness_proportional(np.zeros(5), np.random.default_rng(1).random(10_000)))
+    counts = np.bincount(operators.proportional(np.zeros(5), np.random.default_rng(1).random(10_000)))
     assert stats.chisquare(counts).pvalue > 1e-3
 
 

@@ -28,7 +28,7 @@ def refuses(candidates, config):
     values, refusals = scores.values.copy(), scores.refusals.copy()
     at = deadly(np.ascontiguousarray(candidates.genes))
     values[at], refusals[at] = refused().values[0], refused().refusals[0]
-    return Scores(values, refusals)
+    return Scores(values, refusals, scores.descriptors)
 
 
 def is_killed(candidates, config):
