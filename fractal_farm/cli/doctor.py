@@ -134,6 +134,8 @@ def _shared_memory() -> Iterator[Check]:
 
 def _kernels() -> Iterator[Check]:
     """Compile all kernels that a run calls, or load them from the cache, by making one design from end to end."""
+    import numpy as np
+
     from fractal_farm import attractor_points, evaluate, solidify
     from fractal_farm.ifs.gap import gap
     from fractal_farm.ifs.genome import Genome
