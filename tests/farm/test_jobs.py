@@ -2,8 +2,10 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -31,6 +33,8 @@ def cluster():
         "RAY_AUTH_TOKEN": TOKEN,
         "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
         "RAY_USAGE_STATS_ENABLED": "0",
+        # Here Ray writes which cluster is this machine's, and sockets, whose paths must be short.
+        "RAY_TMPDIR": tempfile.mkdtemp(prefix="ray-", dir="/tmp"),
     }
     words = ["start", "--head", "--block", "--port=0", "--num-cpus=2", "--include-dashboard=true"]
     words += [f"--dashboard-port={port}", "--dashboard-agent-listen-port=0", "--object-store-memory=104857600"]
@@ -55,6 +59,7 @@ def cluster():
             except psutil.NoSuchProcess:
                 continue
         start.wait()
+        shutil.rmtree(environment["RAY_TMPDIR"], ignore_errors=True)
 
 
 def command(cluster, *words, code=0):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import secrets
 import shlex
@@ -161,6 +162,7 @@ def _client(address: str | None, identity: str | None = None) -> Iterator[Any]:
     from ray.exceptions import AuthenticationError
     from ray.job_submission import JobSubmissionClient
 
+    logging.getLogger("ray").setLevel(logging.WARNING)
     place = f"--address {address}" if address else os.environ.get("RAY_API_SERVER_ADDRESS", "this machine")
     try:
         yield JobSubmissionClient(address)
