@@ -1,0 +1,27 @@
+"""The promise of DESIGN section 4 under fire; see `storm` for how it is done."""
+
+import subprocess
+
+import pytest
+
+from fractal_farm.catalogue.parts import list_parts
+from tests.farm.storm import KINDS, Storm, duplicates, torn_files
+
+
+@pytest.mark.storm
+def test_fifty_kills_of_every_kind_of_process_lose_and_change_nothing(tmp_path):
+    storm = Storm(tmp_path, seed=20261123, kills=50)
+    storm.rage()
+    epochs = storm.calm_down() + 2
+    digest = storm.finish(epochs)
+    assert sum(storm.killed.values()) >= 50
+    assert set(storm.killed) == set(KINDS)
+    # A session that could not go on says how to.
+    assert all(code == 1 and line.startswith("farm: error:") and "resume" in line for code, line in storm.ends)
+    assert storm.acknowledged
+    assert storm.acknowledged <= {part.file_name for part in list_parts(storm.catalogue)}
+    assert torn_files(storm.catalogue) == []
+    assert duplicates(storm.catalogue) == []
+    assert digest == storm.undisturbed(epochs)
+    verified = storm.command("verify", "full", str(storm.catalogue))
+    assert subprocess.run(verified, capture_output=True, check=False, timeout=600).returncode == 0
