@@ -15,6 +15,7 @@ import typer
 
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
 from fractal_farm.cli.output import AsJson, byte_count, duration, plain, print_facts, print_json, say
+from fractal_farm.cli.run_commands import RunOption
 from fractal_farm.errors import FarmError
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ _SILENT_S = 120.0
 def status(
     directory: DirectoryArgument,
     watch: Annotated[bool, typer.Option("--watch", "-w", help="Look again and again until the run ends.")] = False,
+    run: RunOption = None,
     interval: Annotated[float, typer.Option(min=0.2, max=3600, help="Seconds between two looks.")] = 5.0,
     as_json: AsJson = False,
 ) -> int:
@@ -40,7 +42,7 @@ def status(
     """
     from fractal_farm.farm.run_status import RunMonitor
 
-    monitor = RunMonitor(directory)
+    monitor = RunMonitor(directory, run)
     if watch:
         _watch(monitor, interval, as_json)
         if as_json:
@@ -63,6 +65,7 @@ def report(
         Path | None,
         typer.Option("--output", "-o", help="File to write; default: report.html in DIR.", show_default=False),
     ] = None,
+    run: RunOption = None,
 ) -> None:
     """Write the course of a run as one HTML file: curves, faults, configuration, the best designs."""
     from fractal_farm.catalogue.documents import sealed_page
@@ -70,7 +73,7 @@ def report(
     from fractal_farm.farm.report import report_page
 
     path = output if output is not None else directory / "report.html"
-    write_file(path, sealed_page(report_page(directory)))
+    write_file(path, sealed_page(report_page(directory, run)))
     typer.echo(path)
 
 
@@ -116,6 +119,8 @@ def status_line(facts: dict[str, Any]) -> str:
     ]
     if faults := sum(failure["count"] for failure in facts["failures"]):
         parts.append(f"{faults} {'fault' if faults == 1 else 'faults'}")
+    if facts["waits"]:
+        parts.append(f"waiting: {facts['waits']}")
     if facts["damage"]:
         parts.append(f"{len(facts['damage'])} damaged")
     if (left := _left(facts)) is not None:
@@ -128,7 +133,8 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
     reason = f", {facts['reason']}" if facts["reason"] not in (None, facts["state"]) else ""
     silent = facts["silent_s"] or 0.0
     silence = f", silent for {duration(silent)}" if silent > _SILENT_S else ""
-    workers = f" on {facts['workers']} workers" if facts["state"] == "running" and facts["workers"] else ""
+    plural = "worker" if facts["workers"] == 1 else "workers"
+    workers = f" on {facts['workers']} {plural}" if facts["state"] == "running" and facts["workers"] else ""
     counts = ", ".join(f"{number:,} of {maps} maps" for maps, number in sorted(facts["n_maps"].items()))
     failed = f", {facts['mesh_failures']} failed" if facts["mesh_failures"] else ""
     now = "" if facts["rate_now"] is None else f", now {facts['rate_now']:,.0f}/s"
@@ -136,6 +142,7 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
     waiting = f", {ahead:,} more wait to be committed" if ahead > 0 and facts["state"] == "running" else ""
     return {
         "run": f"{facts['name'] or 'unknown'} ({facts['run_id']}): {facts['state']}{reason}{workers}{silence}",
+        "waiting": facts["waits"],
         "designs": f"{facts['designs']:,}" + (f": {counts}" if counts else ""),
         "qualified": f"{facts['kept_qualified']:,} kept, of {facts['qualified']:,} found",
         "printable": f"{facts['printable']:,} in one piece at the run's wall",
@@ -157,7 +164,6 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
 
 def _page(facts: dict[str, Any]) -> RenderableType:
     """The same facts as a page for a terminal that is redrawn."""
-    from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.table import Table
     from rich.text import Text
@@ -170,10 +176,11 @@ def _page(facts: dict[str, Any]) -> RenderableType:
             grid.add_row(name, Text(value))
     for line in facts["damage"]:
         grid.add_row("damaged", Text(line, style="red"))
-    fraction = _fraction(facts)
-    if fraction is None:
-        return grid
-    return Group(ProgressBar(total=1.0, completed=fraction), grid)
+    page = Table.grid(expand=True)
+    if (fraction := _fraction(facts)) is not None:
+        page.add_row(ProgressBar(total=1.0, completed=fraction))
+    page.add_row(grid)
+    return page
 
 
 def _fraction(facts: dict[str, Any]) -> float | None:

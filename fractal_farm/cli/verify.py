@@ -67,9 +67,9 @@ def _remakers(directory: Path) -> Remakers:
 
     def configuration() -> RunConfig:
         from fractal_farm.catalogue import read_run
-        from fractal_farm.farm.history import only_run
+        from fractal_farm.farm.stopping import chosen_run
 
-        return RunConfig.from_dict(read_run(directory, only_run(directory))["config"], f"{directory}: run.json")
+        return RunConfig.from_dict(read_run(directory, chosen_run(directory, None))["config"], f"{directory}: run.json")
 
     def sheet() -> None:
         from fractal_farm.farm.sheet import write_sheet

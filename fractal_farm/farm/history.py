@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +17,24 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from fractal_farm.catalogue import Catalogue, read_run, run_ends, run_ids
+from fractal_farm.catalogue import read_run, run_ends
 from fractal_farm.catalogue.layout import PartName
 from fractal_farm.catalogue.parts import list_parts, read_footer, read_rows
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.config import RunConfig
-from fractal_farm.errors import FarmError, InputError
+from fractal_farm.errors import FarmError
 from fractal_farm.evolution.island import GenerationStatistics
 from fractal_farm.farm.event_log import log_path
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.records import read_summary
 
+# Columns of a commit's statistics: two keys, and fields of `GenerationStatistics`.
 STATISTICS = ("island", "epoch", "generation", "evaluated", "refused", "accepted", "qualified", "mean_accepted", "best")
 
+
+_FIELDS = [field.name for field in fields(GenerationStatistics)]
+_PLACES = [_FIELDS.index(name) for name in STATISTICS[2:]]
 
 # Seconds worked, and the fields of `Progress`, at some time of the run.
 Sample = tuple[float, dict[str, Any]]
@@ -64,7 +69,7 @@ class RunHistory:
     Attributes:
         root: the catalogue.
         run_id: id of the run.
-        config: its configuration; None if run.json is damaged.
+        config: what its last session works with; None if run.json is damaged.
         versions: of what it was begun with.
         ends: the records of its ends, oldest first.
         commits: committed parts in order of epochs.
@@ -127,10 +132,8 @@ class RunHistory:
 
     def _read_documents(self) -> None:
         try:
-            if self.config is None:
-                stored = read_run(self.root, self.run_id)
-                self.config = RunConfig.from_dict(stored["config"], f"{self.root}: run.json")
-                self.versions = stored.get("versions", {})
+            self.versions = read_run(self.root, self.run_id).get("versions", {})
+            self.config = RunConfig.from_dict(read_settings(self.root, self.run_id), f"{self.root}: run.json")
         except FarmError as error:
             self.damage.append(str(error))
         try:
@@ -178,19 +181,6 @@ def standing_designs(rows: Any) -> Any:
     return rows.take(pa.array(np.unique(ids, return_index=True)[1]))
 
 
-def only_run(path: Path) -> str:
-    """The id of a catalogue's run; the latest begun if it holds several.
-
-    Raises:
-        InputError: not a catalogue, or no run in it.
-    """
-    Catalogue.open(path)
-    found = run_ids(path)
-    if not found:
-        raise InputError(f"{path}: this catalogue holds no run; start one with `farm submit`")
-    return max(found, key=lambda run_id: (path / "runs" / run_id / "run.json").stat().st_mtime)
-
-
 def _commit(root: Path, name: PartName, columns: list[str]) -> Commit:
     footer = read_footer(root, name)
     summary = read_summary(footer.records)
@@ -199,8 +189,7 @@ def _commit(root: Path, name: PartName, columns: list[str]) -> Commit:
         island, epoch = record["island"], record["epoch"]
         exchanges.append((island, epoch, [(source, sent) for source, sent in record["arrivals"]], record["settled"]))
         for values in record["statistics"]:
-            entry = {"island": island, "epoch": epoch, **asdict(GenerationStatistics(*values))}
-            statistics.append([entry[name] for name in STATISTICS])
+            statistics.append((island, epoch, *(values[k] for k in _PLACES)))
     return Commit(
         *footer.epochs,
         Progress(**summary["progress"]),

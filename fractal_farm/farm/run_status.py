@@ -19,7 +19,8 @@ import pyarrow.compute as pc
 from fractal_farm.catalogue import Catalogue, run_is_live
 from fractal_farm.errors import FarmError
 from fractal_farm.farm.events import Progress
-from fractal_farm.farm.history import STATISTICS, Commit, RunHistory, Sample, only_run, standing_designs
+from fractal_farm.farm.history import STATISTICS, Commit, RunHistory, Sample, standing_designs
+from fractal_farm.farm.stopping import chosen_run
 
 FORECAST_HOURS = 10.0
 MIGRATION_EPOCHS = 10
@@ -45,16 +46,20 @@ def status(path: Path) -> dict[str, Any]:
 
 
 class RunMonitor:
-    """Looks at the latest run of a catalogue again and again."""
+    """Looks at a run again and again."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, run: str | None = None) -> None:
         """Find the run.
 
+        Args:
+            path: the catalogue.
+            run: id of the run, or its first digits; the latest begun if None.
+
         Raises:
-            InputError: not a catalogue, or no run in it.
+            InputError: not a catalogue, or no such run in it.
         """
         self._path = path
-        self._run_id = only_run(path)
+        self._run_id = chosen_run(path, run)
         self._history: RunHistory | None = None
 
     def look(self, *, digest: bool) -> dict[str, Any]:
@@ -71,6 +76,7 @@ class RunMonitor:
             elapsed_s, rate (evaluations a second, all sessions), rate_now (of the last minute of work; None until two
             moments are known), workers, executor, silent_s (since the last sign of life of a running farm);
             islands (island, epoch, best, mean_accepted, received by source and settled in the last epochs);
+            waits: why the run waits at the moment, or None;
             migration_epochs (first and last epoch that `received` covers);
             failures (where, cause, remedy, count, last: seconds since 1970);
             files, bytes, free_bytes, min_free_bytes (the run ends below it);
@@ -119,6 +125,7 @@ class RunMonitor:
             "workers": started.get("workers"),
             "executor": started.get("executor"),
             "silent_s": now - _heard(history, now) if state == "running" else None,
+            "waits": _waits(history.log) if state == "running" else None,
             "islands": islands,
             "migration_epochs": window,
             "failures": failures(history.log),
@@ -168,6 +175,14 @@ def time_left(samples: list[Sample], stop: dict[str, Any], since_s: float) -> tu
         pace = (later[-1][1][key] - later[0][1][key]) / max(later[-1][0] - later[0][0], 1e-9)
         found.append((max(0.0, (limit - later[-1][1][key]) / pace - since_s), f"{limit:,} {name}"))
     return min(found) if found else None
+
+
+def _waits(log: list[dict[str, Any]]) -> str | None:
+    """The cause of a pause that has not ended."""
+    last: dict[str, Any] = next(
+        (entry for entry in reversed(log) if entry["event"] in ("Paused", "Continued", "RunStarted")), {}
+    )
+    return last.get("cause")
 
 
 def _islands(history: RunHistory) -> tuple[list[dict[str, Any]], list[int] | None]:

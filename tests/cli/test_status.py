@@ -40,10 +40,10 @@ def live_run(tmp_path: Path) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
             run.kill()
 
 
-def look(capsys: pytest.CaptureFixture[str], directory: Path, code: int = 0) -> dict[str, Any]:
+def look(capsys: pytest.CaptureFixture[str], directory: Path, code: int = 0, *more: str) -> dict[str, Any]:
     """The facts as JSON."""
     capsys.readouterr()
-    assert main(["status", str(directory), "--json"]) == code
+    assert main(["status", str(directory), "--json", *more]) == code
     facts: dict[str, Any] = json.loads(capsys.readouterr().out)
     return facts
 
@@ -161,3 +161,33 @@ def test_a_place_without_a_run_is_refused_in_one_line(capsys: pytest.CaptureFixt
         out, err = capsys.readouterr()
         assert out == ""
         assert err.count("\n") == 1
+
+
+def test_a_run_that_waits_says_why(
+    capsys: pytest.CaptureFixture[str], live_run: tuple[Path, subprocess.Popen[str]]
+) -> None:
+    directory, run = live_run
+    run.send_signal(signal.SIGSTOP)
+    try:
+        (log,) = (directory / "logs").glob("*.jsonl")
+        whole = log.read_bytes()
+        pause = {"at": 1.0, "event": "Paused", "cause": "no space left on the disk"}
+        log.write_bytes(whole + json.dumps(pause).encode() + b"\n")
+        assert look(capsys, directory)["waits"] == pause["cause"]
+        going_on = {"at": 2.0, "event": "Continued", "reason": "there is room"}
+        log.write_bytes(whole + json.dumps(pause).encode() + b"\n" + json.dumps(going_on).encode() + b"\n")
+        assert look(capsys, directory)["waits"] is None
+    finally:
+        run.send_signal(signal.SIGCONT)
+
+
+def test_one_of_several_runs_is_chosen_by_its_first_digits(
+    capsys: pytest.CaptureFixture[str], run_directory: Path, tmp_path: Path
+) -> None:
+    directory = tmp_path / "run"
+    shutil.copytree(run_directory, directory)
+    first = look(capsys, directory)
+    second = submit_arguments(directory, "--into", "--set", "evolution.seed=1", "--set", "solids.max=0")
+    assert main(second) == 0
+    assert look(capsys, directory)["run_id"] != first["run_id"]
+    assert look(capsys, directory, 0, "--run", first["run_id"][:6])["digest"] == first["digest"]

@@ -21,7 +21,7 @@ from fractal_farm.catalogue import Catalogue, run_is_live
 from fractal_farm.catalogue.documents import sealed_page
 from fractal_farm.catalogue.durable import put
 from fractal_farm.config import RunConfig
-from fractal_farm.farm.history import STATISTICS, RunHistory, only_run, standing_designs
+from fractal_farm.farm.history import STATISTICS, RunHistory, standing_designs
 from fractal_farm.farm.report.charts import STYLE
 from fractal_farm.farm.report.curves import (
     fitness_chart,
@@ -32,6 +32,7 @@ from fractal_farm.farm.report.curves import (
     throughput_chart,
 )
 from fractal_farm.farm.run_status import failures
+from fractal_farm.farm.stopping import chosen_run
 
 _COLUMNS = ("design_id", "kind", "fitness", "n_maps", "gap", "epoch", "generation", "descriptor")
 
@@ -69,17 +70,17 @@ def write_report(root: Path, config: RunConfig) -> Path:
     return path
 
 
-def report_page(root: Path, run_id: str | None = None) -> str:
+def report_page(root: Path, run: str | None = None) -> str:
     """The report of a run as one HTML page.
 
     Args:
         root: the catalogue.
-        run_id: id of the run; the latest begun if None.
+        run: id of the run, or its first digits; the latest begun if None.
 
     Raises:
         InputError: not a catalogue, or no such run in it.
     """
-    history = RunHistory(root, run_id or only_run(root), _COLUMNS)
+    history = RunHistory(root, chosen_run(root, run), _COLUMNS)
     rows = history.rows()
     designs = standing_designs(rows)
     name = history.config.name if history.config else history.run_id
@@ -215,7 +216,7 @@ def _configuration(history: RunHistory) -> str:
     text = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
     versions = ", ".join(f"{name} {version}" for name, version in history.versions.items())
     return (
-        f"<details><summary>as it was begun</summary><pre>{escape(text)}</pre></details>"
+        f"<details><summary>as of its last session</summary><pre>{escape(text)}</pre></details>"
         f'<p class="muted">{escape(versions)}</p>'
     )
 
