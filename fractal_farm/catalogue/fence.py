@@ -16,11 +16,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fractal_farm.catalogue.durable import make_directory
-from fractal_farm.catalogue.layout import run_directory
+from fractal_farm.catalogue.layout import crc32c, run_directory
 from fractal_farm.errors import FarmError
 
 FENCE = "fence"
 _TOKEN_BYTES = 16
+_SEAL_BYTES = 4
 _PATIENCE_SECONDS = 60.0
 
 
@@ -35,9 +36,16 @@ def take_over(root: Path, run_id: str) -> str:
     """
     make_directory(run_directory(root, run_id))
     with _held(root, run_id) as descriptor:
-        token = secrets.token_hex(_TOKEN_BYTES)
+        token = secrets.token_hex(_TOKEN_BYTES - _SEAL_BYTES)
+        token += f"{crc32c(token.encode()):08x}"
         os.pwrite(descriptor, token.encode(), 0)
     return token
+
+
+def is_whole(content: bytes) -> bool:
+    """Whether every bit of a fence is as `take_over` wrote it."""
+    token, seal = content[: -2 * _SEAL_BYTES], content[-2 * _SEAL_BYTES :]
+    return not content or (len(content) == 2 * _TOKEN_BYTES and seal == f"{crc32c(token):08x}".encode())
 
 
 @contextmanager

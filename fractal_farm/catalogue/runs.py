@@ -24,7 +24,7 @@ from fractal_farm.catalogue.parts import list_parts
 from fractal_farm.errors import InputError
 
 _RUN = "run.json"
-_LOCK = "lock"
+LOCK = "lock"
 _END = re.compile(r"final~(\d{4})~([0-9a-f]{8})\.json")
 _PATIENCE_SECONDS = 1.0
 
@@ -98,7 +98,7 @@ def run_info(root: Path, run_id: str) -> RunInfo:
 
 def run_is_live(root: Path, run_id: str) -> bool:
     """Whether a process holds the run's lock now."""
-    return _is_locked(run_directory(root, run_id) / _LOCK)
+    return _is_locked(run_directory(root, run_id) / LOCK)
 
 
 def record_end(root: Path, run_id: str, facts: Mapping[str, Any], durability: Durability = "full") -> None:
@@ -128,18 +128,27 @@ def run_lock(root: Path, run_id: str) -> Iterator[None]:
     Raises:
         InputError: another live process holds it.
     """
-    path = run_directory(root, run_id) / _LOCK
+    path = run_directory(root, run_id) / LOCK
     make_directory(path.parent)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         if not _acquired(descriptor):
-            holder = path.read_text().strip() or "another process"
+            holder = path.read_text().partition(" #")[0].strip() or "another process"
             raise InputError(f"{root}: run {run_id} is in the hands of {holder}; wait for it, or stop it first")
         os.ftruncate(descriptor, 0)
-        os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
+        holder = f"process {os.getpid()} on {socket.gethostname()}"
+        os.write(descriptor, f"{holder} #{crc32c(holder.encode()):08x}\n".encode())
         yield
     finally:
         os.close(descriptor)
+
+
+def is_whole_lock(content: bytes) -> bool:
+    """Whether every bit of a lock's text is as `run_lock` wrote it; it may be empty, and older ones have no seal."""
+    holder, mark, seal = content.partition(b" #")
+    if not mark:
+        return not content or re.fullmatch(rb"process \d+ on [^\s#]+\n", content) is not None
+    return seal == f"{crc32c(holder):08x}\n".encode()
 
 
 def _acquired(descriptor: int) -> bool:

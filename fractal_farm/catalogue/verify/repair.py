@@ -18,9 +18,10 @@ from pyarrow import ArrowException, BufferReader
 
 from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.durable import move_aside, put
+from fractal_farm.catalogue.fence import FENCE, take_over
 from fractal_farm.catalogue.layout import QUARANTINE, RUNS, part_name
 from fractal_farm.catalogue.rows import genome_of
-from fractal_farm.catalogue.runs import run_lock
+from fractal_farm.catalogue.runs import LOCK, run_lock
 from fractal_farm.catalogue.shards import root_documents
 from fractal_farm.catalogue.solids import add_solid
 from fractal_farm.catalogue.verify.bit_flips import unflipped, unflipped_by_trial
@@ -96,8 +97,9 @@ def _all_runs_held(root: Path) -> Iterator[frozenset[str]]:
     with contextlib.ExitStack() as stack:
         held = set()
         for path in sorted((root / RUNS).glob("*/")):
-            if (path / "lock").is_dir():
-                _aside(root, f"{RUNS}/{path.name}/lock")
+            for name in (LOCK, FENCE):
+                if (path / name).is_dir():
+                    _aside(root, f"{RUNS}/{path.name}/{name}")
             with contextlib.suppress(_NoRunError):
                 stack.enter_context(_held(root, path.name))
                 held.add(path.name)
@@ -113,6 +115,8 @@ def _held(root: Path, run_id: str) -> Iterator[None]:
     if not (run_id.isalnum() and run_id == run_id.lower() and 4 <= len(run_id) <= 32):
         raise _NoRunError(run_id)
     with run_lock(root, run_id):
+        if (root / RUNS / run_id / FENCE).is_file():
+            take_over(root, run_id)  # no writer of a dead session may come in between
         yield
 
 

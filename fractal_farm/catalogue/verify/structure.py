@@ -7,7 +7,10 @@ from collections.abc import Iterator
 
 from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.durable import PARTIAL, is_being_filled
+from fractal_farm.catalogue.fence import FENCE
+from fractal_farm.catalogue.fence import is_whole as is_whole_fence
 from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, MENDINGS, RUNS, SNAPSHOTS, SOLIDS, crc32c, part_name
+from fractal_farm.catalogue.runs import LOCK, is_whole_lock
 from fractal_farm.catalogue.shards import ROOT, SHARD, is_root_document, root_documents
 from fractal_farm.catalogue.solids import CHECKSUMS
 from fractal_farm.catalogue.verify.contents import Contents, named_checksum
@@ -79,8 +82,12 @@ def _runs(contents: Contents) -> Iterator[Finding]:
             if isinstance(content, str) or crc32c(content) != named_checksum(key) or opened_document(content) is None:
                 remedy = "`farm verify --repair` mends it if it is one flipped bit"
                 yield Finding(key, "end", "damaged: its checksum does not match", remedy)
-        elif re.fullmatch(rf"{RUNS}/[^/]*/lock", key) and key in contents.directories:
-            yield Finding(key, "leftover", "a directory stands in place of the lock", _RESUME)
+        elif found := re.fullmatch(rf"{RUNS}/([^/]*)/({LOCK}|{FENCE})", key):
+            content = contents.read(key)
+            whole = is_whole_lock if found[2] == LOCK else is_whole_fence
+            if found[1] not in contents.live and (isinstance(content, str) or not whole(content)):
+                problem = content if isinstance(content, str) else "damaged: its checksum does not match"
+                yield Finding(key, "leftover", problem, "`farm resume` or `farm verify --repair` writes it again")
 
 
 def _epochs(contents: Contents) -> Iterator[Finding]:
