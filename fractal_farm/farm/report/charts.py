@@ -24,6 +24,7 @@ _TARGETS = 120
 
 STYLE = """
 svg.chart { width: 100%; height: auto; display: block; font: 12px system-ui, sans-serif; }
+svg.wide { min-width: 640px; }
 .chart text { fill: var(--muted); }
 .chart text.name { fill: var(--ink); }
 .chart .grid { stroke: var(--line); stroke-width: 1; }
@@ -94,7 +95,8 @@ def line_chart(
     def down(y: float) -> float:
         return bottom - (y - low) / (top - low) * (bottom - _TOP)
 
-    parts = [f'<svg class="chart" viewBox="0 0 {width} {_HEIGHT}" role="img" aria-label="{escape(y_name)}">']
+    kind = "chart wide" if width > 600 else "chart"
+    parts = [f'<svg class="{kind}" viewBox="0 0 {width} {_HEIGHT}" role="img" aria-label="{escape(y_name)}">']
     for y in y_ticks:
         if y <= top:
             parts.append(_line("grid", _LEFT, down(y), right, down(y)))

@@ -17,6 +17,7 @@ from fractal_farm.farm.report.charts import Series, line_chart
 _POINTS = 240
 _GROUPS = 40
 _GROUP_DESIGNS = 25
+_NAMED_RESUMPTIONS = 2
 _UNITS = ((3 * 3600.0, 3600.0, "hours"), (180.0, 60.0, "minutes"), (0.0, 1.0, "seconds"))
 
 
@@ -100,7 +101,11 @@ def _resumptions(history: RunHistory) -> list[tuple[float, str]]:
     unit, _ = _unit(history.commits[-1].elapsed_s)
     starts = [entry["progress"]["epochs"] for entry in history.log if entry["event"] == "RunStarted"][1:]
     reached = {commit.progress.epochs: commit.elapsed_s for commit in history.commits[:-1]}
-    return [(reached[epochs] / unit, "resumed") for epochs in dict.fromkeys(starts) if epochs in reached]
+    places = [reached[epochs] / unit for epochs in dict.fromkeys(starts) if epochs in reached]
+    names = ["resumed"] * len(places)
+    if len(places) > _NAMED_RESUMPTIONS:
+        names = [f"resumed {len(starts)} times", *[""] * (len(places) - 1)]
+    return list(zip(places, names, strict=True))
 
 
 def map_counts_chart(designs: Any) -> str:

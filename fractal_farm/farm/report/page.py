@@ -54,6 +54,7 @@ p { margin: 4px 0 10px; } .muted, figcaption { color: var(--muted); font-size: 1
 .tile b { display: block; font-size: 19px; font-weight: 600; }
 .pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(480px, 100%), 1fr)); gap: 16px; }
 .pair, section { margin-top: 16px; } .pair section { margin-top: 0; min-width: 0; }
+section { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-size: 14px; }
 th { text-align: left; color: var(--muted); font-weight: 500; }
 td, th { padding: 4px 12px 4px 0; border-bottom: 1px solid var(--line); vertical-align: top; }
