@@ -33,7 +33,9 @@ KINDS = {
     "writer": (12, ("ray::Writer",)),
     "mesh worker": (12, ("ray::Mesher",)),
 }
+ALL_AT_ONCE = ("driver", "raylet", "gcs_server")
 PATIENCE_S = 180.0
+RESPITE_S = 60.0
 CONFIG = {
     "name": "storm",
     "evolution": {
@@ -93,6 +95,7 @@ class Storm:
         """Kill until the plan is done, and start again whatever has ended."""
         self.start()
         moved, progress, waiting = time.monotonic(), self._progress(), 0
+        struck, committed = time.monotonic(), 0
         while self.plan:
             time.sleep(self.random.uniform(0.1, 2.0))
             if (now := self._progress()) != progress:
@@ -105,6 +108,10 @@ class Storm:
                 self.start()
                 continue
             kind = self.plan[-1]
+            if kind in ALL_AT_ONCE and self._parts() == committed and time.monotonic() - struck < RESPITE_S:
+                # Storms have pauses: something is committed between blows that end everything.
+                self.plan.insert(self.random.randrange(len(self.plan)), self.plan.pop())
+                continue
             victims = self._processes(kind)
             if not victims:
                 waiting += 1
@@ -120,6 +127,8 @@ class Storm:
             waiting = 0
             self.killed[self.plan.pop()] += 1
             self.say(f"{sum(self.killed.values())}: {kind} {victim.pid}")
+            if kind in ALL_AT_ONCE:
+                struck, committed = time.monotonic(), self._parts()
             if kind == "driver":
                 self.process.wait()
                 self.start()
@@ -171,8 +180,11 @@ class Storm:
                 found.append(process)
         return found
 
+    def _parts(self) -> int:
+        return len(list_parts(self.catalogue)) if self.catalogue.exists() else 0
+
     def _progress(self) -> tuple[int, int]:
-        parts = len(list_parts(self.catalogue)) if self.catalogue.exists() else 0
+        parts = self._parts()
         log = sum(path.stat().st_size for path in self.catalogue.glob("logs/*.jsonl"))
         return parts, log
 

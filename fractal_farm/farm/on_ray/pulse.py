@@ -62,7 +62,8 @@ class Pulse:
             self._since.pop(name, None)
             return
         refused = isinstance(failure, ConnectionRefusedError)
-        away = time.monotonic() - self._since.setdefault(name, time.monotonic())
+        now = time.monotonic()
+        away = now - self._since.setdefault(name, now)
         if away >= (self._patience if refused else max(self._patience, _SILENCE_SECONDS)):
             self._lost = f"its {name} at {address[0]}:{address[1]} " + ("has died" if refused else "does not answer")
 
