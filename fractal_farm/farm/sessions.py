@@ -186,7 +186,11 @@ def _session(config: RunConfig, root: Path, workers: Workforce, callbacks: Seque
                 if losses == _LOSSES_WITHOUT_COMMIT or interrupted() is not None:
                     raise FarmError(f"{lost}; {where}") from None
                 announce(Fault("workers", str(lost), "they are started anew, and go on from the last commit"))
-                if not workers.replace():
+                try:
+                    replaced = workers.replace()
+                except FarmError as error:
+                    raise FarmError(f"{error}; {where}") from None
+                if not replaced:
                     raise FarmError(f"{lost}; {where}, on another cluster if need be (--address)") from None
 
 

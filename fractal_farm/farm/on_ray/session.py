@@ -34,6 +34,7 @@ _QUIET = {
 _OBJECT_STORE_BYTES = 256 * 2**20
 # How long the servers of a cluster that somebody else keeps may be away: its keeper may start them again.
 _PATIENCE_SECONDS = 20.0
+_STARTS = 3
 
 
 @contextlib.contextmanager
@@ -92,11 +93,19 @@ class Cluster:
             _check_reachable(self._address)
         import ray
 
-        if not ray.is_initialized():
-            _start(self._address, self._workers, self._metrics)
-            self._ours = True
-        self.processors = max(1, int(ray.cluster_resources().get("CPU", 1)))
-        self._pulse = Pulse(_servers(), 0.0 if self.embedded else _PATIENCE_SECONDS)
+        for tries_left in reversed(range(_STARTS if self.embedded else 1)):
+            try:
+                if not ray.is_initialized():
+                    _start(self._address, self._workers, self._metrics)
+                    self._ours = True
+                self.processors = max(1, int(ray.cluster_resources().get("CPU", 1)))
+                self._pulse = Pulse(_servers(), 0.0 if self.embedded else _PATIENCE_SECONDS)
+            except Exception:  # whatever Ray raises when one of its processes is killed while it starts
+                self.disconnect()
+                if not tries_left:
+                    raise
+            else:
+                return
 
     def disconnect(self) -> None:
         """Leave the cluster; an embedded one ends. One that was there before this process asked for it stays."""
@@ -175,7 +184,10 @@ def _servers() -> dict[str, tuple[str, int]]:
 
     context = ray.get_runtime_context()
     host, _, port = context.gcs_address.rpartition(":")
-    node = next(entry for entry in ray.nodes() if entry["NodeID"] == context.get_node_id())
+    own = [entry for entry in ray.nodes() if entry["NodeID"] == context.get_node_id()]
+    if not own:
+        raise FarmError("Ray does not know this machine; see `farm doctor --ray`")
+    node = own[0]
     return {"head": (host, int(port)), "raylet": (node["NodeManagerAddress"], node["NodeManagerPort"])}
 
 
