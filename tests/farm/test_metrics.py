@@ -90,7 +90,7 @@ def observed(tmp_path_factory):
         run.communicate("\n", timeout=60)
 
 
-@pytest.mark.ray
+@pytest.mark.slow
 def test_the_figures_are_the_totals_of_the_run(observed):
     figures, (evaluated, designs, epochs, solids), _ = observed
     values = {name: value for name, _, value in figures}
@@ -104,14 +104,14 @@ def test_the_figures_are_the_totals_of_the_run(observed):
     assert [value for _, value in migrants] == [14.0] * 6
 
 
-@pytest.mark.ray
+@pytest.mark.slow
 def test_only_known_names_are_exported_and_every_figure_carries_its_run(observed):
     figures, _, _ = observed
     assert {name for name, _, _ in figures} <= exported_names()
     assert all(f'run="{small_config("evolution.qualified=0.8").run_id}"' in labels for _, labels, _ in figures)
 
 
-@pytest.mark.ray
+@pytest.mark.slow
 def test_a_run_on_this_machine_listens_on_loopback_alone(observed):
     _, _, addresses = observed
     assert addresses
