@@ -1,5 +1,7 @@
 """Clusters that go while a run works on them: our own are started anew, those of others end the run with a line."""
 
+import contextlib
+import fcntl
 import os
 import re
 import socket
@@ -173,3 +175,34 @@ def test_the_servers_of_a_live_cluster_answer(ray_cluster):
     dead.beat()
     assert "has died" in dead.lost
     dead.stop()
+
+
+@pytest.mark.slow
+def test_a_writer_that_outlives_its_driver_may_not_write_after_a_resumed_run(tmp_path, head):
+    address, _ = head
+    path = tmp_path / "run"
+    process = _child(path, 100_000, address)
+    _until(process, "part")
+    writer = next(child for child in psutil.process_iter() if _title(child).startswith("ray::Writer"))
+    # It stands still, so that Ray cannot end it with its driver, and wakes when another session has taken over.
+    fence = next(path.glob("runs/*/fence"))
+    while True:
+        writer.suspend()
+        with fence.open() as file, contextlib.suppress(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        writer.resume()  # in the middle of a write, for which a new session would wait
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    epochs = last_epoch(path, run_ids(path)[0]) + 3
+    try:
+        end = farm.resume(path, overrides=[f"stop.epochs={epochs}", "execution.address=null"], executor="serial")
+        files = sorted(path.rglob("*"))
+    finally:
+        writer.resume()
+    time.sleep(3.0)
+    assert sorted(path.rglob("*")) == files
+    whole = farm.submit(small_config(f"stop.epochs={epochs}"), tmp_path / "whole", executor="serial")
+    assert end.ended.digest == whole.ended.digest
+    assert farm.status(path)["digest"] == end.ended.digest
