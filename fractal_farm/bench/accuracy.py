@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from fractal_farm.bench import discriminants
 from fractal_farm.bench.genomes import random_genomes
 from fractal_farm.bench.peer_rules import D0_RULES, D2_RULES, d0_by_rules, d2_by_rules
 from fractal_farm.bench.truth import Fractal, classic, overlapping, separated
@@ -42,6 +43,8 @@ _LOW, _NEAR_TWO = 1.6, 2.05  # D2 up to which, and from which on, other bounds h
 _LOW_BIAS, _LOW_RMSE, _NEAR_TWO_RMSE, _HIGH_RMSE = 0.02, 0.03, 0.09, 0.12
 _LLE_ERROR = 1e-12
 _NOISE = 0.005
+_NOT_GROUPED, _MERGED = 0.02, 0.01
+_DISTINCT_SAMPLE = (3000, 8)  # random genomes, and their seed
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,14 @@ def measure_accuracy(say: Callable[[str], None]) -> dict[str, Any]:
         peers[name] = np.array([_peer_errors(fractal) for fractal in fractals])
     say(f"farm bench: noise of {NOISE_GENOMES} random genomes")
     noise = _noise()
-    bounds = [*_dimension_bounds(groups, errors), _lle_bound(groups), _noise_bound(noise)]
+    grouped, merged = discriminants.rates(*_DISTINCT_SAMPLE)
+    bounds = [
+        *_dimension_bounds(groups, errors),
+        _lle_bound(groups),
+        _noise_bound(noise),
+        Bound("copies of a design that count as another", 1.0 - grouped, _NOT_GROUPED),
+        Bound("unrelated designs that count as one", merged, _MERGED),
+    ]
     tables = (_rules_table(2, errors, peers), _rules_table(0, errors, peers), _sets_table(groups, errors))
     return {
         "tables": [*tables, _noise_table(noise)],

@@ -57,33 +57,39 @@ def pack_ledger(ledger: Ledger) -> bytes:
     arrays = [
         array
         for record in ledger.records
-        for array in (record.survivors, record.entrants, record.order, record.emigrants)
+        for array in (_steps(record.survivors), record.entrants, _steps(record.order), record.emigrants, record.hits)
     ]
     return _pack(header, arrays)
 
 
 def unpack_ledger(blob: bytes, dtype: np.dtype[Any]) -> Ledger:
     """The inverse of `pack_ledger`; `dtype` is that of the run's design rows."""
-    header, arrays = _unpack(blob, [_INDEX, dtype, _INDEX, _INDEX])
+    header, arrays = _unpack(blob, [_INDEX, dtype, _INDEX, _INDEX, _INDEX])
     records = []
     for k, entry in enumerate(header["records"]):
-        survivors, entrants, order, emigrants = arrays[4 * k : 4 * k + 4]
+        survivors, entrants, order, emigrants, hits = arrays[5 * k : 5 * k + 5]
         records.append(
             EpochRecord(
                 entry["island"],
                 entry["epoch"],
-                survivors,
+                np.cumsum(survivors, dtype=_INDEX),
                 entrants,
-                order,
+                np.cumsum(order, dtype=_INDEX),
                 emigrants,
                 np.zeros(0, dtype),
                 tuple(GenerationStatistics(*values) for values in entry["statistics"]),
                 tuple((source, number) for source, number in entry["arrivals"]),
                 entry["settled"],
+                hits,
             )
         )
     set_aside = tuple((island, epoch, _verdict(entry)) for island, epoch, entry in header.get("set_aside", ()))
     return Ledger(records, Progress(**header["progress"]), header["elapsed_s"], set_aside)
+
+
+def _steps(indices: Designs) -> Designs:
+    """Differences of consecutive indices: of those that count up, nothing is left to store."""
+    return np.diff(indices, prepend=_INDEX.type(0)).astype(_INDEX)
 
 
 def _verdict(entry: dict[str, Any]) -> SetAside:
