@@ -115,7 +115,7 @@ class EpochRecord:
         statistics: one entry a generation.
         arrivals: (source island, number sent) for each source; `settled` of them found a place.
         settled: number of arrivals that found a place.
-        hits: hits of every member of the new library; empty without niches.
+        hits: by how much the hits of every member of the new library have grown; empty without niches.
     """
 
     island: int
@@ -151,7 +151,7 @@ def library_after(previous: Designs, record: EpochRecord) -> Designs:
     """The library at the end of a record's epoch, from the one before it."""
     library = np.concatenate([previous[record.survivors], record.entrants])[record.order]
     if len(record.hits):
-        library["hits"] = record.hits
+        library["hits"] += record.hits
     return library
 
 
@@ -197,6 +197,9 @@ def advance(
     came = [k for k, at in enumerate(origin) if at < 0]
     order = np.empty(len(after), np.int32)
     order[stayed + came] = np.arange(len(after), dtype=np.int32)
+    hits = np.zeros(len(after) if work.archive is not None else 0, np.int32)
+    if work.archive is not None:
+        hits[stayed] = after["hits"][stayed] - before["hits"][[origin[k] for k in stayed]]
     return EpochRecord(
         island,
         epoch,
@@ -208,7 +211,7 @@ def advance(
         tuple(work.statistics),
         tuple((source, len(leaving)) for source, leaving in inbox),
         settled,
-        after["hits"] if work.archive is not None else np.zeros(0, np.int32),
+        hits,
     )
 
 
