@@ -232,7 +232,7 @@ class CatalogueConfig(Section):
     durability: Literal["full", "process"] = Field(
         "full", description="full: survives a power cut; process: survives a killed process"
     )
-    min_free_gb: float = Field(2.0, ge=0, le=1e6, description="the run ends before less disk than this is free")
+    min_free_gb: float = Field(2.0, ge=0, le=1e6, description="nothing new begins while less disk than this is free")
 
 
 class SolidsConfig(Section):

@@ -13,3 +13,7 @@ class FarmError(Exception):
 
 class InputError(FarmError):
     """Input that somebody wrote is wrong (configuration, genome, path, argument). The command line exits with 2."""
+
+
+class StorageFullError(FarmError):
+    """No space left; nothing was written, and the same put may be tried again once there is."""

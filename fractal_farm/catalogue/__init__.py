@@ -4,7 +4,6 @@
 """
 
 from fractal_farm.catalogue.clouds import DenseClouds
-from fractal_farm.catalogue.durable import StorageFullError
 from fractal_farm.catalogue.reader import Catalogue, Usage
 from fractal_farm.catalogue.records import committed_records, latest_snapshot, remove_orphans, write_snapshot
 from fractal_farm.catalogue.rows import design_table
@@ -28,7 +27,6 @@ __all__ = [
     "RunInfo",
     "RunWriter",
     "SolidInfo",
-    "StorageFullError",
     "Usage",
     "committed_records",
     "create_run",

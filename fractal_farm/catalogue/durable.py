@@ -17,17 +17,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
-from fractal_farm.errors import FarmError
+from fractal_farm.errors import FarmError, StorageFullError
 
 Durability = Literal["full", "process"]
 PARTIAL = ".partial"
 _relied_on: set[Path] = set()
 """Directories whose entries this process has synced."""
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
-
-
-class StorageFullError(FarmError):
-    """No space left; nothing was written, and the same put may be tried again once there is."""
 
 
 def put(path: Path, content: bytes, durability: Durability = "full") -> None:

@@ -12,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from fractal_farm.catalogue.durable import StorageFullError
 from fractal_farm.config import EvolutionConfig, RunConfig
-from fractal_farm.errors import FarmError
+from fractal_farm.errors import FarmError, StorageFullError
 from fractal_farm.evolution.designs import Designs
 from fractal_farm.evolution.island import Candidates, EpochRecord, IslandState, Scores, advance, drive
 from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, SetAside, evaluate_candidates, make_solid

@@ -13,7 +13,6 @@ from typing import Any
 
 from fractal_farm.catalogue import (
     Catalogue,
-    StorageFullError,
     create_run,
     record_end,
     remove_orphans,
@@ -22,7 +21,7 @@ from fractal_farm.catalogue import (
 )
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
-from fractal_farm.errors import FarmError, InputError
+from fractal_farm.errors import FarmError, InputError, StorageFullError
 from fractal_farm.farm.event_log import EventLog
 from fractal_farm.farm.events import Announcer, Callback, Fault, RunEnded, RunStarted
 from fractal_farm.farm.executor import ClusterLostError

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from fractal_farm.catalogue import StorageFullError, durable
-from fractal_farm.errors import FarmError
+from fractal_farm.catalogue import durable
+from fractal_farm.errors import FarmError, StorageFullError
 from tests.catalogue.examples import designs, files, records, writer
 
 

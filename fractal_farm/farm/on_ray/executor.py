@@ -25,9 +25,8 @@ from ray.exceptions import (
 )
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from fractal_farm.catalogue.durable import StorageFullError
 from fractal_farm.config import EvolutionConfig, RunConfig
-from fractal_farm.errors import FarmError
+from fractal_farm.errors import FarmError, StorageFullError
 from fractal_farm.evolution.island import (
     Candidates,
     EpochRecord,
