@@ -22,7 +22,8 @@ import numpy.typing as npt
 from fractal_farm.ifs.kernel import kernel
 
 COLLAPSED = 1e-9  # extent over coordinate at and below which a cloud counts as one point
-SMALLEST = 1e-300  # extent below which its reciprocal is no number
+_MODERATE = 2.0**300  # extents up to here, and down to its reciprocal, have moments of all orders that are numbers
+_LEAST_EXPONENT = -1000  # of a factor that is still a number
 TURN = ((21 / 37, 28 / 37, -12 / 37), (-12 / 37, 21 / 37, 28 / 37), (28 / 37, -12 / 37, 21 / 37))  # about (1, 1, 1)
 _DIAGONAL = 1e-17  # share of the trace at and below which what is off the diagonal counts as none
 _SWEEPS = 16  # of Jacobi rotations; five suffice in practice
@@ -62,7 +63,10 @@ def fit_frame(cloud, work, frame):
         False if the cloud is a single point, as far as its coordinates can tell; `frame` is not filled then.
     """
     extent, magnitude, centre, covariance, lopsided = moments(cloud)
-    if not extent > max(COLLAPSED * magnitude, SMALLEST):
+    if not 1.0 / _MODERATE < extent < _MODERATE:
+        _scale_to_one(cloud)
+        extent, magnitude, centre, covariance, lopsided = moments(cloud)
+    if not extent > COLLAPSED * magnitude:
         return False
     principal_axes(covariance, work)
     _orient(work, lopsided)
@@ -78,6 +82,20 @@ def fit_frame(cloud, work, frame):
 
 
 @kernel
+def _scale_to_one(cloud):
+    """Multiply a cloud by the power of two that brings its largest coordinate into [1/4, 1/2): no bit is lost."""
+    largest = 0.0
+    for axis in range(3):
+        low, high = _limits(cloud, axis)
+        largest = max(largest, max(abs(low), abs(high)))
+    _, exponent = math.frexp(largest)
+    factor = math.ldexp(1.0, -max(exponent + 1, _LEAST_EXPONENT))
+    for axis in range(3):
+        for i in range(cloud.shape[1]):
+            cloud[axis, i] *= factor
+
+
+@kernel
 def moments(cloud):
     """Size, mean, covariance and third moment of a (3, n) cloud.
 
@@ -85,7 +103,7 @@ def moments(cloud):
 
     Returns:
         Longest side of the axis-parallel box; largest absolute coordinate; (x, y, z) mean; (xx, yy, zz, xy, xz, yz)
-        covariance, all 0 if it is too large for a float64; (x, y, z) mean of |p|^2 p over offsets p from the mean.
+        covariance; (x, y, z) mean of |p|^2 p over offsets p from the mean.
     """
     n = cloud.shape[1]
     x0, y0, z0 = cloud[0, 0], cloud[1, 0], cloud[2, 0]
@@ -128,8 +146,6 @@ def moments(cloud):
         tz / n - 2.0 * (xz * x + yz * y + zz * z) + square * z,
     )
     covariance = (xx - x * x, yy - y * y, zz - z * z, xy - x * y, xz - x * z, yz - y * z)
-    if not math.isfinite(trace):
-        covariance = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return extent, magnitude, (x0 + x, y0 + y, z0 + z), covariance, lopsided
 
 

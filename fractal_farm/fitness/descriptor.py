@@ -66,8 +66,9 @@ def shape_descriptor(points: npt.ArrayLike) -> npt.NDArray[np.float32]:
         points: (n, 3) real array, n >= 2, in any order.
 
     Returns:
-        (14,) float32: 12 ascending quantiles of pair distance / root mean square pair distance, then the smallest and
-        the middle principal standard deviation over the largest, in [0, 1]. All 0 if the cloud is a single point.
+        (14,) float32: mean pair distances of twelve equal shares of the pairs, ascending, over the root mean square
+        pair distance; then the smallest and the middle principal standard deviation over the largest, in [0, 1]. All
+        0 if the cloud is a single point.
 
     Raises:
         InputError: the points are not an (n, 3) table of finite numbers.
@@ -112,7 +113,7 @@ def describe(points, n, variances, work, descriptor):
         _squared_distances(points, n, step, r * n // _ROUNDS, squares)
         for i in range(n):
             total += squares[i]
-            b = np.uint32(max(np.int32(bits[i] >> np.uint32(_SHIFT)), np.int32(_FIRST)) - np.int32(_FIRST))
+            b = min(max(np.int32(bits[i] >> np.uint32(_SHIFT)) - np.int32(_FIRST), 0), _BINS - 1)
             pairs[b] += 1
             distances[b] += math.sqrt(np.float64(squares[i]))
     _quantile_means(pairs, distances, _ROUNDS * n, descriptor)

@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from fractal_farm.errors import InputError
 from fractal_farm.ifs.kernel import kernel
 
 
@@ -34,6 +35,14 @@ class FitnessFormula:
     d0: tuple[float, float] = (0.334, 0.840)
     d2: tuple[float, float] = (0.5, 0.698)
     lle: tuple[float, float] = (-0.057, 1.092)
+
+    def __post_init__(self) -> None:
+        for name in ("d0", "d2", "lle"):
+            pair = getattr(self, name)
+            if len(pair) != 2 or not all(map(math.isfinite, pair)) or pair[1] <= 0.0:
+                raise InputError(f"formula: {name} is {pair}; give (centre, width), finite, the width above 0")
+        if not (math.isfinite(self.amplitude) and math.isfinite(self.baseline)):
+            raise InputError(f"formula: amplitude {self.amplitude}, baseline {self.baseline}; give finite numbers")
 
 
 class FormulaNumbers(NamedTuple):

@@ -11,7 +11,7 @@ import hashlib
 import math
 import struct
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +57,16 @@ class Phenotype:
     influence: float = 4.0
     map_form: MapForm = "rho R (x + d)"
     rotation_sign: Literal[1, -1] = 1
+
+    def __post_init__(self) -> None:
+        if self.family not in ROW_LENGTH:
+            raise InputError(f"phenotype: family is {self.family!r}; choose one of {', '.join(ROW_LENGTH)}")
+        if self.map_form not in get_args(MapForm):
+            raise InputError(f"phenotype: map_form is {self.map_form!r}; choose one of {', '.join(get_args(MapForm))}")
+        if self.rotation_sign not in (1, -1):
+            raise InputError(f"phenotype: rotation_sign is {self.rotation_sign!r}; give 1 or -1")
+        if not (math.isfinite(self.influence) and self.influence >= 1.0):
+            raise InputError(f"phenotype: influence is {self.influence}; it must be at least 1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +130,7 @@ def as_genome(value: Genome | npt.ArrayLike, name: str = "genome") -> Genome:
         if refusal:
             raise InputError(f"{name} map {row}: {remark}")
     if value.probabilities is not None:
-        _check_probabilities(value.probabilities, value.n_maps, name)
+        check_probabilities(value.probabilities, value.n_maps, name)
     return value
 
 
@@ -162,7 +172,10 @@ def design_id(genes: FloatArray, phenotype: Phenotype, probabilities: tuple[floa
     return hashlib.blake2b(head.encode() + body, digest_size=_ID_BYTES, person=b"farm-design-1").hexdigest()
 
 
-def _check_probabilities(probabilities: tuple[float, ...], n_maps: int, name: str) -> None:
+def check_probabilities(probabilities: tuple[float, ...], n_maps: int, name: str) -> None:
+    """Refuse selection probabilities that are not `n_maps` numbers above 0 of sum 1, with an `InputError`."""
+    if not all(isinstance(p, (int, float)) for p in probabilities):
+        raise InputError(f"{name}: probabilities {probabilities!r}; give numbers")
     if len(probabilities) != n_maps:
         raise InputError(f"{name}: {len(probabilities)} probabilities for {n_maps} maps; give one for each map")
     if not all(math.isfinite(p) and p > 0.0 for p in probabilities) or abs(sum(probabilities) - 1.0) > _SUM_TOLERANCE:

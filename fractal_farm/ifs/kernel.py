@@ -9,16 +9,20 @@ kernels are compiled in every process.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import logging
 import os
+import stat
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
+
+from fractal_farm.ifs.kernel_cache import KernelCache
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 
@@ -36,11 +40,12 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(kernel, **options)
     directory = cache_directory(function.__module__)
-    cached = directory is not None
-    if cached:
-        numba.config.CACHE_DIR = str(directory)  # type: ignore[attr-defined]
     njit: Any = numba.njit  # its type does not know no_cfunc_wrapper, which spares a third of the compile time
-    return njit(nogil=True, cache=cached, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    dispatcher = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    if directory is not None:
+        numba.config.CACHE_DIR = str(directory)  # type: ignore[attr-defined]
+        dispatcher._cache = KernelCache(function)
+    return dispatcher
 
 
 def cache_directory(module: str) -> Path | None:
@@ -61,7 +66,8 @@ def cache_root() -> Path | None:
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         candidates.append(Path(given))
     candidates.append(Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "fractal_farm" / "kernels")
-    candidates.append(Path(tempfile.gettempdir()) / f"fractal_farm-{os.getuid()}" / "kernels")
+    with contextlib.suppress(FileNotFoundError):  # nowhere to put temporary files
+        candidates.append(Path(tempfile.gettempdir()) / f"fractal_farm-{os.getuid()}")
     found = next((place for place in map(_expanded, candidates) if place and _is_writable(place)), None)
     if found != _expanded(candidates[0]):
         instead = f"kernels are kept in {found}" if found else "every process compiles its kernels anew (a minute)"
@@ -81,9 +87,16 @@ def _expanded(place: Path) -> Path | None:
 
 
 def _is_writable(directory: Path) -> bool:
-    """Whether files can be made there; root may write anywhere but on a read-only file system, so it is tried."""
+    """Whether files can be made there, and nobody else can.
+
+    Root may write anywhere but on a read-only file system, so it is tried. What lies in the cache is executed: where
+    others could have put it, in a directory for temporary files above all, it is not used.
+    """
     try:
-        directory.mkdir(parents=True, exist_ok=True)
+        directory.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
+        status = directory.stat()
+        if status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            return False
         with tempfile.TemporaryFile(dir=directory):
             return True
     except OSError:

@@ -263,8 +263,8 @@ def test_the_kernel_allocates_nothing_for_a_genome():
         ((np.zeros((2, 3, 6)), [2, 2], SIMILARITY, 100), r"shape \(2, 3, 6\)"),
         ((np.zeros((2, 9, 7)), [2, 2], SIMILARITY, 100), "M from 1 to 8"),
         ((np.zeros((2, 3, 7)), [2, 4], SIMILARITY, 100), "numbers from 1 to 3"),
-        ((np.zeros((2, 3, 7)), [2], SIMILARITY, 100), "give 2 numbers"),
-        ((np.zeros((2, 3, 7)), [2, 2], SIMILARITY, 1), "at least 2 points"),
+        ((np.zeros((2, 3, 7)), [2], SIMILARITY, 100), "give 2 whole numbers"),
+        ((np.zeros((2, 3, 7)), [2, 2], SIMILARITY, 1), "n_points is 1; it must be at least 2"),
         ((np.zeros((2, 3, 7)), [2, 2], AFFINE, 100), r"give \(B, M, 12\)"),
     ],
 )
@@ -279,3 +279,52 @@ def test_a_genome_of_a_wrong_shape_is_refused_by_number():
         evaluate([TABLE1["06582"], np.zeros((2, 6))])
     with pytest.raises(InputError, match="genome 0: not a table"):
         evaluate([[["a"] * 7] * 2])
+
+
+GOOD = np.array(TABLE1["06425"])
+
+
+@pytest.mark.parametrize("probabilities", [(0.5, 0.5), "abc", (0, 0, 0), (2, 3, 4), (0.5, np.nan, 0.5), (-1, 1, 1)])
+def test_probabilities_that_are_none_are_refused(probabilities):
+    with pytest.raises(InputError, match=r"genome 0: .*probabilities"):
+        evaluate([Genome(GOOD, probabilities=probabilities)], 500)
+
+
+@pytest.mark.parametrize("row", [[0, 0, 0], [0.5, -0.5, 1], [np.nan, 0.5, 0.5], [0.2, 0.2, 0.2]])
+def test_a_batch_with_probabilities_that_are_none_is_refused(row):
+    with pytest.raises(InputError, match="probabilities: genome 0"):
+        evaluate_batch(GOOD[None], np.array([3]), SIMILARITY, 500, FitnessFormula(), np.array([row]))
+
+
+@pytest.mark.parametrize(
+    ("call", "complaint"),
+    [
+        (lambda: evaluate([GOOD], 5000.0), "n_points is 5000.0; give a whole number"),
+        (lambda: evaluate([GOOD], "500"), "n_points is '500'"),
+        (lambda: evaluate([GOOD], repeats=None), "repeats is None"),
+        (lambda: evaluate(Genome(GOOD)), "give a list of genomes"),
+        (lambda: evaluate(None), "give a list of genomes"),
+        (lambda: evaluate([np.zeros((9, 7))]), "1 to 8 rows of 7"),
+        (lambda: evaluate([GOOD * 1j]), "not a table of numbers"),
+        (lambda: evaluate_batch(GOOD[None], [2.7], SIMILARITY, 500, FitnessFormula()), "whole numbers from 1 to 3"),
+        (lambda: evaluate_batch(GOOD[None], [3], SIMILARITY, 500, FitnessFormula(), repeat=10**20), "repeat is 1"),
+        (lambda: FitnessFormula(d2=(0.5, 0.0)), "d2 is"),
+        (lambda: FitnessFormula(amplitude=np.nan), "amplitude nan"),
+        (lambda: Phenotype(influence=0.5), "influence is 0.5; it must be at least 1"),
+        (lambda: Phenotype(family="foo"), "choose one of similarity, affine"),
+        (lambda: Phenotype(rotation_sign=0), "give 1 or -1"),
+    ],
+)
+def test_other_bad_input_is_refused_with_the_reason(call, complaint):
+    with pytest.raises(InputError, match=complaint):
+        call()
+
+
+def test_genomes_of_any_size_are_scored_or_refused():
+    for exponent in (-1000, -300, 300, 340, 600, 900, 1000):
+        genome = GOOD.copy()
+        genome[:, 4:] = np.ldexp(genome[:, 4:], exponent)
+        evaluation = evaluate([genome])
+        assert evaluation.refusal[0] == Refusal.NONE
+        assert 0 < evaluation.d2[0] < 3
+        assert np.isfinite(evaluation.descriptor).all()

@@ -99,3 +99,19 @@ def test_very_strong_contraction_does_not_underflow():
 def test_an_invalid_genome_is_refused():
     with pytest.raises(InputError, match="rho"):
         lyapunov_exponent([[0, 0, 0, 1.5, 0, 0, 0], [0, 0, 0, 0.5, 1, 0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ([[0.5, -0.4, 0], [-0.4, 0.5, 0], [0, 0, 0.1]], 1.0, math.log(0.9)),
+        ([[0.5, -0.4, 0], [-0.4, 0.5, 0], [0, 0, 0.1]], 0.5, math.log(0.9)),
+        ([[0.45, -0.45, 0], [-0.45, 0.45, 0], [0, 0, 0]], 1.0, math.log(0.9)),
+        ([[0.1, 0.3, 0.3], [0.3, 0.1, 0.3], [0.3, 0.3, 0.1]], 1.0, math.log(0.7)),
+        (np.full((3, 3), 0.3) - 0.9 * np.eye(3), 1.0, math.log(0.9)),
+    ],
+)
+def test_symmetric_maps_do_not_hide_the_direction_of_fastest_growth(first, second, expected):
+    genome = affine(np.array(first), np.array(first) * second)
+    halves = selection_probabilities(genome)[1] * math.log(second)
+    assert lyapunov_exponent(genome) == pytest.approx(expected + halves, abs=0.005)

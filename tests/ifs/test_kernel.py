@@ -50,3 +50,35 @@ def test_without_any_directory_kernels_are_compiled_in_the_process():
     assert done.stdout.strip() == "None"
     assert done.stderr.count("\n") == 1
     assert "anew" in done.stderr
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", ["empty", "truncated", "a flipped bit", "garbage"])
+def test_a_damaged_cache_is_compiled_for_again_and_mended(tmp_path, suffix, damage):
+    run(NUMBA_CACHE_DIR=str(tmp_path))
+    (path,) = tmp_path.rglob(f"*determinant*.{suffix}")
+    sound = path.read_bytes()
+    flipped = bytearray(sound)
+    flipped[len(sound) // 2] ^= 4
+    path.write_bytes({"empty": b"", "truncated": sound[:50], "a flipped bit": flipped, "garbage": b"x" * 99}[damage])
+    done = run(NUMBA_CACHE_DIR=str(tmp_path))
+    assert (done.stdout.strip(), done.stderr) == (str(tmp_path), "")
+    assert path.read_bytes() != bytes(flipped)
+    assert len(path.read_bytes()) > 99
+
+
+def test_a_full_disk_costs_one_line_and_the_cache(tmp_path):
+    prelude = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))"
+    prelude += "; import signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)"
+    done = run(prelude, NUMBA_CACHE_DIR=str(tmp_path))
+    assert done.stderr.count("\n") == 1
+    assert "cannot be saved" in done.stderr
+
+
+def test_a_directory_that_others_may_write_to_is_not_trusted(tmp_path):
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    done = run(NUMBA_CACHE_DIR=str(shared), XDG_CACHE_HOME=str(tmp_path / "home"))
+    assert done.stdout.strip() == str(tmp_path / "home" / "fractal_farm" / "kernels")
+    assert str(shared) in done.stderr
