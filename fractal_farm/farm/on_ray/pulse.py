@@ -11,15 +11,21 @@ import threading
 import time
 from collections.abc import Mapping
 
+from fractal_farm.farm.on_ray.last_word import end_at_once
+
 _EVERY_SECONDS = 1.0
 _ANSWER_SECONDS = 5.0
 _SILENCE_SECONDS = 30.0
+_GRACE_SECONDS = 20.0
 # How an HTTP/2 client begins (RFC 9113, 3.4): Ray's servers speak gRPC, and answer with their own settings.
 _HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
 
 
 class Pulse:
-    """Asks servers every second, from a thread of its own."""
+    """Asks servers every second, from a thread of its own.
+
+    Who owns it must stop it soon after a loss; a process that does not is caught inside Ray, and is ended.
+    """
 
     def __init__(self, servers: Mapping[str, tuple[str, int]], patience_s: float) -> None:
         """Begin.
@@ -53,8 +59,11 @@ class Pulse:
         self._over.set()
 
     def _watch(self) -> None:
-        while not self._over.wait(_EVERY_SECONDS) and self._lost is None:
-            self.beat()
+        while not self._over.wait(_EVERY_SECONDS):
+            if self._lost is None:
+                self.beat()
+            elif not self._over.wait(_GRACE_SECONDS):
+                end_at_once(f"Ray is lost: {self._lost}; go on from the last commit with `farm resume`")
 
     def _ask(self, name: str, address: tuple[str, int]) -> None:
         failure = _failure(address)

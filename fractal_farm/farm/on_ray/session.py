@@ -14,6 +14,7 @@ from typing import Any
 
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.farm.on_ray.extras import check_metrics
+from fractal_farm.farm.on_ray.last_word import watched_start
 from fractal_farm.farm.on_ray.pulse import Pulse
 
 # Read by Ray when it is first imported. Token authentication would write into HOME; the embedded cluster listens on
@@ -152,15 +153,16 @@ def _start(address: str | None, workers: int | None, metrics: int | None) -> Non
     }
     try:
         if address is None:
-            ray.init(
-                address="local",
-                num_cpus=workers or os.cpu_count(),
-                include_dashboard=False,
-                object_store_memory=_OBJECT_STORE_BYTES,
-                _node_ip_address="127.0.0.1",
-                _metrics_export_port=metrics,
-                **options,
-            )
+            with watched_start():
+                ray.init(
+                    address="local",
+                    num_cpus=workers or os.cpu_count(),
+                    include_dashboard=False,
+                    object_store_memory=_OBJECT_STORE_BYTES,
+                    _node_ip_address="127.0.0.1",
+                    _metrics_export_port=metrics,
+                    **options,
+                )
         else:
             ray.init(address=address, **options)
     except SystemExit:  # Ray's own handler of SIGTERM
