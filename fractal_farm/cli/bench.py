@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fractal_farm.cli.output import AsJson, plain, print_json, print_table, say, write_file
+from fractal_farm.cli.output import AsJson, check_writable, plain, print_json, print_table, say, write_file
 
 Output = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE", help="Also write the JSON there.")]
 
@@ -23,15 +23,17 @@ def bench(
     as_json: AsJson = False,
 ) -> None:
     """Measure the evaluator: stages, whole evaluations, threads, sizes, peers; or, with --accuracy, its errors."""
-    report = _accuracy() if accuracy else _speed()
     if output is not None:
-        write_file(output, json.dumps(plain(report), indent=2).encode())
+        check_writable(output)
+    report = _accuracy() if accuracy else _speed()
     if as_json:
         print_json(report)
     elif accuracy:
         _print_accuracy(report)
     else:
         _print_speed(report)
+    if output is not None:
+        write_file(output, json.dumps(plain(report), indent=2).encode())
     if accuracy and not all(bound["met"] for bound in report["bounds"]):
         raise typer.Exit(1)
 
@@ -80,10 +82,10 @@ def _print_speed(report: dict[str, Any]) -> None:
         f"load {', '.join(f'{value:.1f}' for value in report['load'])}\n"
     )
     rows = [
-        [s["name"], _digits(s["microseconds"]), _digits(s["limit"]), _digits(s["ratio"]), s["bound"]]
+        [s["name"], _digits(s["microseconds"]), _digits(s["floor"]), _digits(s["ratio"]), s["counted"]]
         for s in report["stages"]
     ]
-    print_table(["stage, 5,000 points", "µs", "limit", "ratio", "limited by"], rows)
+    print_table(["stage, 5,000 points", "µs", "floor", "ratio", "the floor counts"], rows)
     whole = report["evaluation"]
     typer.echo(
         f"\nwhole evaluation {whole['milliseconds']:.3f} ms for a genome, "

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -108,15 +109,27 @@ def duration(seconds: float) -> str:
 
 def write_file(path: Path, content: bytes) -> None:
     """Write a file as a whole or not at all; directories are made."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a directory; name a file")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    check_writable(path)
     partial = path.with_name(f".{path.name}.partial")
     try:
         partial.write_bytes(content)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """Make the directories of a file that will be written, or say in an `InputError` why it cannot be."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a directory; name a file")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is not a regular file; name one")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); name another place") from None
 
 
 @contextlib.contextmanager

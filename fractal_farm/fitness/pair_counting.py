@@ -5,8 +5,22 @@ holds the rest: radii 2^-10 to 2^-3 of the bounding cube's side, in half octaves
 needed, since the exponent bits of the float32 d^2 *are* the bin.
 
 All n (n - 1) / 2 pairs are counted, few are looked at: `near_pairs` decides about most of them by the box, and the
-rest is evaluated in tiles of 32 columns by 8 rows. The tail of the last block is filled with points at infinity: their
-d^2 is infinite or not a number, exponent 255, which no bin reads.
+rest is evaluated in tiles of 32 columns by 8 rows.
+
+Each row gives two words to a lane (columns 0 to 15, and 16 to 31). The full adders of `octave_counter` take them in as
+a binary counter takes in ticks, for all 32 bins at once:
+
+    row      2 words                  -> ones, carry worth 2
+    2 rows   2 such carries           -> twos, carry worth 4
+    4 rows   2 such carries           -> fours, carry worth 8   (`_add_group`)
+    8 rows   2 such carries           -> eights, carry worth 16 (the loop of `evaluate_groups`)
+
+and only the last carry, every sixteenth word, touches the byte sums.
+
+*Padding.* The tail of the last block is filled with points at infinity: a distance to them is infinite, and one between
+two of them not a number, which both land in bin 31 modulo 32, as no distance does that counts. A group number one past
+the last stands for four such points, to make a list of rows even. Pairs within the columns' own block of 32 are
+evaluated in both orders and with themselves, in a counter of their own that is halved at the end.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"

@@ -181,7 +181,10 @@ def squared_length(builder: Any, x: Any, y: Any, z: Any) -> Any:
 
 @_operation(Words, Floats, types.int32)
 def octave(builder: Any, value: Any, lowest: Any) -> Any:
-    """Biased binary exponent of non-negative lanes, floor(log2(value)) + 127, but at least `lowest`."""
+    """Biased binary exponent of lanes, floor(log2(value)) + 127, but at least `lowest`.
+
+    Of infinity it is 255, and of what is not a number 255 or, with the sign, 511: both are 31 modulo 32.
+    """
     exponent = builder.lshr(builder.bitcast(value, _WORDS), _constant(FRACTION_BITS))
     floor = _splat(builder, lowest, _WORDS)
     return builder.select(builder.icmp_unsigned(">", exponent, floor), exponent, floor)

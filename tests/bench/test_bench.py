@@ -44,8 +44,8 @@ def test_limits_lie_below_what_the_stages_take():
     stages = {stage.name: stage for stage in measure_stages(ceilings, count=2)}
     for stage in stages.values():
         assert stage.microseconds > 0
-        assert math.isnan(stage.limit) or stage.limit < 1.3 * stage.microseconds
-    assert stages["pair counts"].limit < stages["pair counts by brute force"].limit
+        assert math.isnan(stage.floor) or stage.floor < 1.3 * stage.microseconds
+    assert stages["pair counts"].floor < stages["pair counts by brute force"].floor
 
 
 def test_all_peers_are_compared_and_the_tree_counts_the_pairs_that_we_count():
