@@ -94,7 +94,10 @@ def test_a_signal_while_ray_starts_leaves_no_traceback(tmp_path: Path, delay_s: 
     arguments = [word for word in submit_arguments(tmp_path / "run") if word not in ("--executor", "serial")]
     run = start(*arguments, *ENDLESS)
     time.sleep(delay_s)
-    os.killpg(run.pid, number)
+    if number == signal.SIGINT:
+        os.killpg(run.pid, number)  # as a terminal does
+    else:
+        run.send_signal(number)  # as a supervisor does
     err = run.communicate(timeout=60)[1]
     assert run.returncode in (130, -number)
     assert "Traceback" not in err
