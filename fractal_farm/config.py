@@ -110,6 +110,12 @@ class NichesConfig(Section):
     gap: float = Field(
         0.8 / 30, gt=0, lt=1, description="gap up to which a design prints in one piece: its wall over its size"
     )
+    gap_attempts: int = Field(
+        4, ge=0, le=16, description="times that a slot is drawn again for a gap that is too wide; 0: any gap will do"
+    )
+    expected_fitness: Probability | None = Field(
+        0.85, description="fitness that the closed forms must promise for a candidate of similarities; null: any"
+    )
     crossover: Probability = Field(0.3, description="share of offspring that are crossed")
     probabilities: Annotated[tuple[Probability, ...], Strict(False), Field(min_length=1, max_length=16)] = Field(
         (0.05, 0.15, 0.5), description="probabilities of an allele's mutation; each offspring draws one"

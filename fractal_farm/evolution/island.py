@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,7 @@ from fractal_farm.evolution.migration import emigrants, settle
 from fractal_farm.evolution.offspring import Brood, founders, max_maps, offspring
 from fractal_farm.ifs.genome import ROW_LENGTH, design_id
 
+_GAP = SCORE_FIELDS.index("gap")
 ACCEPTED_BLOCK = 32
 ACCEPTED_BLOCKS_LIMIT = 1024
 
@@ -252,9 +253,14 @@ def _generation(
     block = 0
     while True:
         slots = config.offspring or ACCEPTED_BLOCK
-        brood = offspring(work.library, config, island, generation, block, slots)
+        if work.archive is not None:
+            brood, gaps = yield from _printable(work, config, island, generation, block, slots)
+        else:
+            brood, gaps = offspring(work.library, config, island, generation, block, slots), None
         if len(brood.slots):
             scores = yield from _evaluated(brood)
+            if gaps is not None:
+                scores.values[:, _GAP] = gaps
             scored = _scored(brood, scores, config, island, epoch, generation)
             passed = (scores.refusals == 0) & (scored["fitness"] >= config.elimination)
             count = len(scored)
@@ -278,6 +284,34 @@ def _generation(
     work.statistics.append(_statistics(work, config, generation, scored["fitness"], refused, len(newcomers)))
 
 
+def _printable(
+    work: _Epoch, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
+) -> Generator[Candidates, Scores, tuple[Brood, npt.NDArray[np.float64] | None]]:
+    """A brood of which every member prints in one piece, with the gaps; slots that find none stay empty."""
+    if not config.niches.gap_attempts:
+        return offspring(work.library, config, island, generation, block, slots), None
+    wanted = np.arange(slots)
+    found: list[Brood] = []
+    known: list[npt.NDArray[np.float64]] = []
+    for again in range(config.niches.gap_attempts):
+        brood = offspring(work.library, config, island, generation, block, slots, wanted, again)
+        if len(brood.slots):
+            scores = yield Candidates(brood.genes, brood.n_maps, "gap")
+            gaps = scores.values[:, _GAP]
+            good = gaps <= config.niches.gap
+            parts: Any = (column[good] for column in brood)
+            found.append(Brood(*parts))
+            known.append(gaps[good])
+            wanted = np.setdiff1d(wanted, found[-1].slots - block * slots)
+        if not len(wanted):
+            break
+    if not found:
+        return brood, None
+    order = np.argsort(np.concatenate([part.slots for part in found]))
+    columns: Any = zip(*found, strict=True)
+    return Brood(*(np.concatenate(parts)[order] for parts in columns)), np.concatenate(known)[order]
+
+
 def _enter(
     work: _Epoch, archive: Archive, scored: Designs, config: EvolutionConfig
 ) -> Generator[Candidates, Scores, Designs]:
@@ -286,9 +320,10 @@ def _enter(
     offered = without_repeats(_identified(qualified, config), archive.library)
     entered, rivals = archive.sift(offered)
     asked = offered[entered + [index for index, _ in rivals]]
-    if len(asked):
-        scores = yield Candidates(asked["genes"], asked["n_maps"], "gap")
-        asked["gap"] = scores.values[:, SCORE_FIELDS.index("gap")]
+    unknown = np.isnan(asked["gap"])
+    if unknown.any():
+        scores = yield Candidates(asked["genes"][unknown], asked["n_maps"][unknown], "gap")
+        asked["gap"][unknown] = scores.values[:, _GAP]
     newcomers = asked[: len(entered)]
     archive.library["gap"][len(archive.library) - len(entered) :] = newcomers["gap"]
     successors = archive.replace(asked[len(entered) :], [member for _, member in rivals])

@@ -1,7 +1,7 @@
 """Broods: the genomes of a block of slots, bred from a library or drawn at random.
 
-A slot whose similarity dimension falls outside the configured range draws again from its own stream, up to
-`ATTEMPTS` times, and then stays empty.
+A slot whose similarity dimension falls outside the configured range, or of which the closed forms promise too little,
+draws again from its own stream, up to `ATTEMPTS` times, and then stays empty.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.archive import parent_weights
 from fractal_farm.evolution.designs import Designs, Operator
+from fractal_farm.evolution.foresight import expected_fitness
 from fractal_farm.evolution.operators import (
     block_crossover,
     gaussian_mutation,
@@ -22,7 +23,7 @@ from fractal_farm.evolution.operators import (
     random_genes,
     similarity_dimension_within,
 )
-from fractal_farm.ifs.genome import ROW_LENGTH
+from fractal_farm.ifs.genome import RHO, ROW_LENGTH
 from fractal_farm.random_streams import Purpose, stream
 
 ATTEMPTS = 16
@@ -57,7 +58,7 @@ def max_maps(config: EvolutionConfig) -> int:
 def founders(config: EvolutionConfig, island: int) -> Brood:
     """The brood of generation 0: the configured seeds first, random genomes after them."""
     size = config.library.size
-    brood = _filled(config, size, lambda attempt, rows: _random(config, (island, 0, 0, attempt), size, rows))
+    brood = _filled(config, np.arange(size), lambda k, rows: _random(config, (island, 0, 0, k), size, rows))
     seeds = config.library.seeds[:size]
     if not seeds:
         return brood
@@ -76,7 +77,16 @@ def founders(config: EvolutionConfig, island: int) -> Brood:
     return Brood(*(np.concatenate([ours, theirs[rest]]) for ours, theirs in columns))
 
 
-def offspring(library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int) -> Brood:
+def offspring(
+    library: Designs,
+    config: EvolutionConfig,
+    island: int,
+    generation: int,
+    block: int,
+    slots: int,
+    wanted: Slots | None = None,
+    again: int = 0,
+) -> Brood:
     """A block of offspring.
 
     Args:
@@ -86,6 +96,8 @@ def offspring(library: Designs, config: EvolutionConfig, island: int, generation
         generation: number of the generation, from 1.
         block: number of the block within the generation; its first slot is block * slots.
         slots: slots in a block.
+        wanted: the slots of the block to fill; all if None.
+        again: how often the block has been asked for before; each time draws other numbers.
 
     Returns:
         The slots that could be filled.
@@ -97,20 +109,18 @@ def offspring(library: Designs, config: EvolutionConfig, island: int, generation
         place = (island, generation, block, attempt)
         return _random(config, place, slots, rows) if random else _bred(library, weights, config, place, slots, rows)
 
-    brood = _filled(config, slots, draw)
+    brood = _filled(config, np.arange(slots) if wanted is None else wanted, draw, again * ATTEMPTS)
     return brood._replace(slots=brood.slots + np.int32(block * slots))
 
 
-def _filled(config: EvolutionConfig, slots: int, draw: Callable[[int, Slots], Brood]) -> Brood:
-    """Draw until every slot is within the similarity dimensions, or has had its attempts."""
-    bounds = config.similarity_dimension if config.phenotype.family == "similarity" else None
-    rows = np.arange(slots)
-    if bounds is None:
-        return draw(0, rows)
+def _filled(config: EvolutionConfig, rows: Slots, draw: Callable[[int, Slots], Brood], first: int = 0) -> Brood:
+    """Draw until every slot holds a candidate that is worth an evaluation, or has had its attempts."""
+    if config.method != "niches" and (config.similarity_dimension is None or config.phenotype.family != "similarity"):
+        return draw(first, rows)
     found = []
-    for attempt in range(ATTEMPTS):
+    for attempt in range(first, first + ATTEMPTS):
         brood = draw(attempt, rows)
-        good = similarity_dimension_within(brood.genes, brood.n_maps, bounds)
+        good = _worthwhile(brood, config)
         found.append([column[good] for column in brood])
         rows = rows[~good]
         if not len(rows):
@@ -118,6 +128,22 @@ def _filled(config: EvolutionConfig, slots: int, draw: Callable[[int, Slots], Br
     joined = [np.concatenate(columns) for columns in zip(*found, strict=True)]
     order = np.argsort(joined[0])
     return Brood(*(column[order] for column in joined))
+
+
+def _worthwhile(brood: Brood, config: EvolutionConfig) -> npt.NDArray[np.bool_]:
+    """(B,) bool: similarity dimension in range; with niches also no copy, and as good as it must be expected to be."""
+    good = np.ones(len(brood.slots), bool)
+    if config.method == "niches":
+        good = brood.operators != Operator.COPY
+    if config.phenotype.family != "similarity":
+        return good
+    if config.similarity_dimension is not None:
+        good &= similarity_dimension_within(brood.genes, brood.n_maps, config.similarity_dimension)
+    least = config.niches.expected_fitness
+    if config.method == "niches" and least is not None:
+        for b in np.flatnonzero(good).tolist():
+            good[b] = expected_fitness(brood.genes[b, : brood.n_maps[b], RHO].tolist(), config) >= least
+    return good
 
 
 def _random(config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> Brood:
