@@ -54,7 +54,7 @@ class Peer:
     ratio: float
 
 
-def compare(clouds: int = 5) -> Iterator[Peer]:
+def compare(clouds: int = 16) -> Iterator[Peer]:
     """Time all peers that are installed, one after the other, on clouds of random genomes."""
     genes, n_maps = random_genomes(clouds, SEED)
     points = [attractor_points(table[:n], POINTS) for table, n in zip(genes, n_maps, strict=True)]

@@ -35,6 +35,7 @@ _SHIFT = 17  # float32 bits that are not in the number of a bin, which leaves 64
 _PER_OCTAVE = 1 << (FRACTION_BITS - _SHIFT)
 _FIRST = (EXPONENT_BIAS - 46) * _PER_OCTAVE  # bin of d^2 = 2^-46, the square of the coordinates' grid
 _BINS = 49 * _PER_OCTAVE  # up to d^2 < 8
+_LAST = np.int32(_BINS - 1)
 
 
 class DescriptorWorkspace(NamedTuple):
@@ -43,12 +44,16 @@ class DescriptorWorkspace(NamedTuple):
     Attributes:
         squares: (n,) float32 squared distances.
         bits: (n,) uint32, the same memory.
+        roots: (n,) float64, distances.
+        bins: (n,) int32, their bins.
         pairs: (3136,) int64, number of pairs in each bin.
         distances: (3136,) float64, sum of their distances.
     """
 
     squares: npt.NDArray[np.float32]
     bits: npt.NDArray[np.uint32]
+    roots: npt.NDArray[np.float64]
+    bins: npt.NDArray[np.int32]
     pairs: npt.NDArray[np.int64]
     distances: npt.NDArray[np.float64]
 
@@ -56,7 +61,14 @@ class DescriptorWorkspace(NamedTuple):
 def new_descriptor_workspace(n: int) -> DescriptorWorkspace:
     """Working space for clouds of n points."""
     squares = np.empty(n, np.float32)
-    return DescriptorWorkspace(squares, squares.view(np.uint32), np.empty(_BINS, np.int64), np.empty(_BINS))
+    return DescriptorWorkspace(
+        squares,
+        squares.view(np.uint32),
+        np.empty(n),
+        np.empty(n, np.int32),
+        np.empty(_BINS, np.int64),
+        np.empty(_BINS),
+    )
 
 
 def shape_descriptor(points: npt.ArrayLike) -> npt.NDArray[np.float32]:
@@ -104,18 +116,22 @@ def describe(points, n, variances, work, descriptor):
         work: `DescriptorWorkspace` of at least n points.
         descriptor: (14,) float32, filled.
     """
-    squares, bits, pairs, distances = work.squares, work.bits, work.pairs, work.distances
+    squares, bits, roots, bins = work.squares, work.bits, work.roots, work.bins
+    pairs, distances = work.pairs, work.distances
     pairs[:] = 0
     distances[:] = 0.0
     step = _lattice_step(n)
     total = 0.0
     for r in range(_ROUNDS):
         _squared_distances(points, n, step, r * n // _ROUNDS, squares)
+        for i in range(n):  # in loops of their own these take several points at a time
+            roots[i] = math.sqrt(np.float64(squares[i]))
+            bins[i] = min(max(np.int32(bits[i] >> np.uint32(_SHIFT)) - np.int32(_FIRST), np.int32(0)), _LAST)
         for i in range(n):
+            b = np.uint32(bins[i])
             total += squares[i]
-            b = min(max(np.int32(bits[i] >> np.uint32(_SHIFT)) - np.int32(_FIRST), 0), _BINS - 1)
             pairs[b] += 1
-            distances[b] += math.sqrt(np.float64(squares[i]))
+            distances[b] += roots[i]
     _quantile_means(pairs, distances, _ROUNDS * n, descriptor)
     root_mean_square = math.sqrt(total / (_ROUNDS * n))
     for q in range(N_QUANTILES):
