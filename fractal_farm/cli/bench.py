@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from fractal_farm.cli.output import AsJson, check_writable, plain, print_json, print_table, say, write_file
+from fractal_farm.errors import InputError
 
 Output = Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE", help="Also write the JSON there.")]
 
@@ -19,17 +20,24 @@ def bench(
     accuracy: Annotated[
         bool, typer.Option("--accuracy", help="Measure errors on known fractals instead (minutes).")
     ] = False,
+    farm: Annotated[
+        bool, typer.Option("--farm", help="Measure a run on Ray against plain loops instead (a minute or two).")
+    ] = False,
     output: Output = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the evaluator: stages, whole evaluations, threads, sizes, peers; or, with --accuracy, its errors."""
+    """Measure the evaluator: stages, whole evaluations, threads, sizes, peers; or its errors, or the whole farm."""
+    if accuracy and farm:
+        raise InputError("--accuracy and --farm: measure one at a time")
     if output is not None:
         check_writable(output)
-    report = _accuracy() if accuracy else _speed()
+    report = _accuracy() if accuracy else _efficiency() if farm else _speed()
     if as_json:
         print_json(report)
     elif accuracy:
         _print_accuracy(report)
+    elif farm:
+        _print_efficiency(report)
     else:
         _print_speed(report)
     if output is not None:
@@ -119,6 +127,33 @@ def _print_accuracy(report: dict[str, Any]) -> None:
         ["ok" if b["met"] else "FAIL", b["name"], _digits(b["value"]), _digits(b["bound"])] for b in report["bounds"]
     ]
     print_table(["", "what", "measured", "bound"], rows)
+
+
+def _efficiency() -> dict[str, Any]:
+    from fractal_farm.bench.efficiency import measure_efficiency
+    from fractal_farm.bench.stopwatch import load, this_machine
+    from fractal_farm.cli.output import results_only_on_stdout
+
+    before = load()
+    say("farm bench: a run on Ray with storage, then plain loops")
+    with results_only_on_stdout():
+        found = measure_efficiency()
+    return {
+        "machine": asdict(this_machine()),
+        "load": [before],
+        "farm": asdict(found) | {"of_loops": found.of_loops, "of_kernel": found.of_kernel},
+    }
+
+
+def _print_efficiency(report: dict[str, Any]) -> None:
+    found = report["farm"]
+    rows = [
+        ["farm: Ray and storage", f"{found['farm']:,.0f}", "", ""],
+        ["plain loops, one a core", f"{found['loops']:,.0f}", f"{found['of_loops']:.0%}", ""],
+        ["the evaluations in them", f"{found['kernel']:,.0f}", "", f"{found['of_kernel']:.0%}"],
+    ]
+    print_table(["candidates on all cores", "a second", "farm over loops", "farm over evaluations"], rows)
+    typer.echo(f"load before {report['load'][0]:.1f}; the measured epochs took {found['seconds']:.0f} s")
 
 
 def _digits(value: float | None) -> str:

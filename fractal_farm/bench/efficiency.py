@@ -1,0 +1,115 @@
+"""What the farm costs: a real run on Ray with its storage, against loops that do the same work without either.
+
+The loops are one process for each core; each takes its share of the islands through the same epochs (evaluation and
+method, no migration, nothing written). The first epochs are left out on both sides: they found the libraries.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fractal_farm import farm
+from fractal_farm.config import EvolutionConfig, RunConfig
+from fractal_farm.errors import FarmError
+from fractal_farm.evolution.island import Candidates, IslandState, Scores, advance, drive, founding_state, library_after
+from fractal_farm.farm.events import Callback, EpochCompleted, Event
+from fractal_farm.farm.work import evaluate_candidates
+
+FIRST, LAST = 2, 11  # epochs: what lies between is measured
+_PATIENCE_SECONDS = 600.0
+
+
+@dataclass(frozen=True)
+class Efficiency:
+    """Candidates evaluated in a second, on all cores together.
+
+    Attributes:
+        farm: by a run on Ray, committed to disk.
+        loops: by one serial loop for each core.
+        kernel: by the compiled evaluation alone, within those loops.
+        seconds: how long the measured epochs of the run took.
+    """
+
+    farm: float
+    loops: float
+    kernel: float
+    seconds: float
+
+    @property
+    def of_loops(self) -> float:
+        """Farm over loops."""
+        return self.farm / self.loops
+
+    @property
+    def of_kernel(self) -> float:
+        """Farm over kernel."""
+        return self.farm / self.kernel
+
+
+def measure_efficiency() -> Efficiency:
+    """Measure the default configuration on this machine, in a minute or two."""
+    config = RunConfig.from_dict({"name": "bench", "stop": {"epochs": LAST + 1}, "solids": {"max": 0}})
+    watch = _Watch()
+    with tempfile.TemporaryDirectory(prefix="farm-bench-") as place:
+        farm.submit(config, Path(place) / "run", callbacks=[watch])
+    (began, before), (ended, after) = watch.epochs[FIRST], watch.epochs[LAST]
+    loops, kernel = _loops(config.evolution, len(os.sched_getaffinity(0)))
+    return Efficiency((after - before) / (ended - began), loops, kernel, ended - began)
+
+
+class _Watch(Callback):
+    """When each epoch was complete, and how many candidates had been evaluated by then."""
+
+    def __init__(self) -> None:
+        self.epochs: dict[int, tuple[float, int]] = {}
+
+    def on_event(self, event: Event) -> None:
+        if isinstance(event, EpochCompleted):
+            self.epochs[event.epoch] = (time.monotonic(), event.progress.evaluated)
+
+
+def _loops(config: EvolutionConfig, cores: int) -> tuple[float, float]:
+    """Candidates a second of all loops together, and of the evaluations within them."""
+    context = multiprocessing.get_context("spawn")
+    start, results = context.Barrier(cores), context.Queue()
+    shares = [list(range(core, config.islands, cores)) for core in range(cores)]
+    processes = [context.Process(target=_loop, args=(config, share, start, results)) for share in shares]
+    for process in processes:
+        process.start()
+    found: list[tuple[int, float, float]] = [results.get(timeout=_PATIENCE_SECONDS) for _ in processes]
+    for process in processes:
+        process.join()
+    if any(process.exitcode for process in processes):
+        raise FarmError("a loop of the bench died; see `farm doctor`")
+    return sum(n / whole for n, whole, _ in found), sum(n / inside for n, _, inside in found)
+
+
+def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any) -> None:
+    """Take some islands through all epochs; send candidates, seconds, and seconds within evaluations."""
+    count, inside = 0, 0.0
+
+    def evaluate(candidates: Candidates) -> Scores:
+        nonlocal count, inside
+        began = time.perf_counter()
+        scores = evaluate_candidates(candidates, config)
+        if candidates.wanted == "scores":
+            inside += time.perf_counter() - began
+            count += len(candidates.n_maps)
+        return scores
+
+    states = {island: founding_state(config) for island in islands}
+    began = 0.0
+    for epoch in range(LAST + 1):
+        if epoch == FIRST + 1:
+            start.wait(_PATIENCE_SECONDS)
+            count, inside, began = 0, 0.0, time.perf_counter()
+        for island, state in states.items():
+            record = drive(advance(state, [], config, island, epoch), evaluate)
+            states[island] = IslandState(epoch, library_after(state.library, record))
+    results.put((count, time.perf_counter() - began, inside))
