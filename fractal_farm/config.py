@@ -140,7 +140,7 @@ class EvolutionConfig(Section):
 
     seed: int = Field(20261123, ge=0, le=2**63 - 1, description="of all random streams")
     method: Literal["niches", "best", "paper", "random"] = Field(
-        "best",
+        "niches",
         description="niches: an archive of distinct designs; best: a library of the best; paper: the paper's "
         "algorithm; random: no evolution",
     )
@@ -198,7 +198,7 @@ class StopConfig(Section):
     hours: Annotated[float, Field(gt=0, le=10_000)] | None = Field(None, description="hours of wall-clock time")
     evaluations: Count | None = Field(None, description="candidates evaluated")
     qualified: Count | None = Field(None, description="qualified designs in the catalogue")
-    distinct: None = Field(None, description="distinct designs", json_schema_extra={"later": ["*"]})
+    distinct: Count | None = Field(None, description="designs of different shapes")
 
 
 class ExecutionConfig(Section):
@@ -229,10 +229,10 @@ class ExecutionConfig(Section):
 class CatalogueConfig(Section):
     """What is kept."""
 
-    keep: Literal["qualified", "accepted"] = Field(
-        "qualified",
-        description="which designs are published; fixed when the catalogue is made",
-        json_schema_extra={"later": ["distinct"]},
+    keep: Literal["distinct", "qualified", "accepted"] = Field(
+        "distinct",
+        description="which designs are published: the qualified of a new shape, all qualified, or all accepted ones; "
+        "fixed when the catalogue is made",
     )
     clouds: Literal["kept"] = Field("kept", description="which point clouds are stored")
     durability: Literal["full", "process"] = Field(

@@ -25,6 +25,8 @@ FloatArray = npt.NDArray[np.float64]
 DESCRIPTOR_LENGTH = 14
 LENGTH = 6
 DISTINCT = 1.0  # distance at and above which two designs are distinct
+_SLACK = 1.0 + 1e-9  # by which the tree looks farther than counts
+_FRESH = 256  # members that wait for a place in the tree, at most, or a quarter of those in it
 
 
 def signatures(descriptors: npt.ArrayLike, d0: npt.ArrayLike, d2: npt.ArrayLike) -> FloatArray:
@@ -52,6 +54,76 @@ def signatures(descriptors: npt.ArrayLike, d0: npt.ArrayLike, d2: npt.ArrayLike)
         for weight, feature in zip(weights, features, strict=True):
             result[:, column] += weight * feature
     return result
+
+
+class DistinctSet:
+    """Signatures of which any two are distinct, in the order in which they were found.
+
+    The tree only narrows the search; what decides is plain arithmetic in fixed order.
+    """
+
+    def __init__(self, marks: FloatArray) -> None:
+        """Begin with some members.
+
+        Args:
+            marks: (n, 6) float64, taken as they are.
+        """
+        self._marks = marks
+        self._plant()
+
+    def __len__(self) -> int:
+        return len(self._marks)
+
+    def sift(self, marks: FloatArray) -> tuple[list[int], list[bool]]:
+        """Offer signatures, one after the other; those that are distinct from all members become members.
+
+        Args:
+            marks: (n, 6) float64; one that is not a number is never distinct.
+
+        Returns:
+            For each, the number of its nearest member (its own if it entered, -1 if it is not a number), and whether
+            it entered.
+        """
+        if len(self._marks) - self._in_tree > max(_FRESH, self._in_tree // 4):
+            self._plant()
+        near = self._narrowed(marks)
+        fresh = self._marks[self._in_tree :]
+        members: list[int] = []
+        entered: list[bool] = []
+        for index, mark in enumerate(marks):
+            if not np.isfinite(mark).all():
+                members.append(-1)
+                entered.append(False)
+                continue
+            known = np.concatenate([self._marks[near[index]], fresh])
+            squares = squared_distances(mark, known)
+            nearest = int(squares.argmin()) if len(known) else -1
+            if nearest >= 0 and squares[nearest] < DISTINCT * DISTINCT:
+                old = len(near[index])
+                members.append(near[index][nearest] if nearest < old else self._in_tree + nearest - old)
+                entered.append(False)
+            else:
+                members.append(self._in_tree + len(fresh))
+                entered.append(True)
+                fresh = np.concatenate([fresh, mark[None]])
+        self._marks = np.concatenate([self._marks[: self._in_tree], fresh])
+        return members, entered
+
+    def _plant(self) -> None:
+        from scipy.spatial import cKDTree  # islands without an archive do without scipy
+
+        self._in_tree = len(self._marks)
+        self._tree = cKDTree(self._marks) if self._in_tree else None
+
+    def _narrowed(self, marks: FloatArray) -> list[list[int]]:
+        """Members of the tree that may be nearer than `DISTINCT`, in order, for each signature."""
+        sound = np.isfinite(marks).all(axis=1)
+        near: list[list[int]] = [[] for _ in marks]
+        if self._tree is not None and sound.any():
+            found = self._tree.query_ball_point(marks[sound], DISTINCT * _SLACK, return_sorted=True)
+            for index, members in zip(np.flatnonzero(sound).tolist(), found, strict=True):
+                near[index] = list(map(int, members))
+        return near
 
 
 def squared_distances(one: FloatArray, many: FloatArray) -> FloatArray:

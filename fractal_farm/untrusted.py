@@ -140,9 +140,6 @@ def _sentence(error: dict[str, Any], location: list[Any], key: str, model: type[
     if error["type"] == "missing":
         location, key = location[:-1], key.rpartition(".")[0]
     value, field = shown(error["input"]), _descend(schema, location)
-    later = field.get("later", [])
-    if error["input"] in later or "*" in later:
-        return f"{key} is {value}, which this version does not offer yet; allowed: {allowed(field, schema)}"
     return f"{key} is {value}; allowed: {allowed(field, schema)}"
 
 

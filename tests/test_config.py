@@ -85,20 +85,6 @@ def test_a_wrong_value_is_one_line_with_key_value_and_remedy(
 
 
 @pytest.mark.parametrize(
-    ("text", "key", "offered"),
-    [
-        ("catalogue: {keep: distinct}", "catalogue.keep is 'distinct'", "qualified or accepted"),
-        ("stop: {distinct: 500}", "stop.distinct is 500", "null"),
-    ],
-)
-def test_a_value_of_a_later_version_is_named_as_such(tmp_path: Path, text: str, key: str, offered: str) -> None:
-    message = refusal(tmp_path, text)
-    assert key in message
-    assert "does not offer yet" in message
-    assert offered in message
-
-
-@pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("", "empty"),
@@ -185,8 +171,8 @@ def test_the_paper_preset_is_the_paper() -> None:
 
 def test_defaults_are_those_of_the_design() -> None:
     config = RunConfig()
-    assert config.evolution.method == "best"
-    assert config.catalogue.keep == "qualified"
+    assert config.evolution.method == "niches"
+    assert config.catalogue.keep == "distinct"
     assert config.evolution.fitness.d2 == (0.5, 0.698)
     assert config.evolution.library.map_counts == {2: 0.5, 3: 0.5}
     assert config.evolution.phenotype.phenotype() == Phenotype()

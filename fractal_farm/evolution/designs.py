@@ -39,7 +39,8 @@ def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
     Returns:
         Structured dtype. `design_id` and `parents` are 32 hex digits as bytes (empty: no parent); `genes` is
         (max_maps, row_length) float64; scores are float64, and nan where they were not asked for, as the descriptor
-        is; hits counts near-duplicates of a member of an archive; the birth place is island, epoch, generation, slot.
+        is; hits counts near-duplicates of a member of an archive; distinct says that none was nearer among those
+        that the whole run had found before; the birth place is island, epoch, generation, slot.
     """
     return np.dtype(
         [
@@ -49,6 +50,7 @@ def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
             *((name, "<f8") for name in SCORE_FIELDS),
             ("descriptor", "<f4", (DESCRIPTOR_LENGTH,)),
             ("hits", "<i4"),
+            ("distinct", "?"),
             ("parents", "S32", (2,)),
             ("operator", "u1"),
             ("island", "<i4"),

@@ -23,6 +23,7 @@ class Progress:
         best_fitness: highest fitness in any library.
         mean_accepted: mean fitness of the accepted in the last epoch.
         settled: migrants that found a place.
+        distinct: qualified designs of a shape that the run had not found before.
     """
 
     epochs: int = 0
@@ -34,6 +35,7 @@ class Progress:
     best_fitness: float = 0.0
     mean_accepted: float = 0.0
     settled: int = 0
+    distinct: int = 0
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ def kept(config: RunConfig, rows: Designs) -> Designs:
     """(rows,) bool: which designs are published."""
     if config.catalogue.keep == "accepted":
         return rows["fitness"] >= config.evolution.elimination
+    if config.catalogue.keep == "distinct":
+        return rows["distinct"]
     return rows["fitness"] > config.evolution.qualified
 
 
@@ -31,10 +33,14 @@ def totals_after(config: RunConfig, before: Progress, records: list[EpochRecord]
         qualified=before.qualified + sum(entry.qualified for entry in entries),
         designs=before.designs + sum(int(kept(config, record.born).sum()) for record in records),
         kept_qualified=before.kept_qualified
-        + sum(int((record.born["fitness"] > config.evolution.qualified).sum()) for record in records),
+        + sum(
+            int((kept(config, record.born) & (record.born["fitness"] > config.evolution.qualified)).sum())
+            for record in records
+        ),
         best_fitness=max(entry.best for entry in last),
         mean_accepted=sum(entry.mean_accepted * entry.accepted for entry in last) / max(accepted, 1),
         settled=before.settled + sum(record.settled for record in records),
+        distinct=before.distinct + sum(int(record.born["distinct"].sum()) for record in records),
     )
 
 
@@ -45,6 +51,7 @@ def reached(config: RunConfig, progress: Progress) -> str | None:
         ("epochs", stop.epochs, progress.epochs),
         ("evaluations", stop.evaluations, progress.evaluated),
         ("qualified designs", stop.qualified, progress.kept_qualified),
+        ("distinct designs", stop.distinct, progress.distinct),
     )
     for name, limit, value in limits:
         if limit is not None and value >= limit:
@@ -61,6 +68,7 @@ def fraction_done(config: RunConfig, progress: Progress, elapsed_s: float) -> fl
             (stop.epochs, progress.epochs),
             (stop.evaluations, progress.evaluated),
             (stop.qualified, progress.kept_qualified),
+            (stop.distinct, progress.distinct),
             (stop.hours, elapsed_s / 3600.0),
         )
         if limit is not None

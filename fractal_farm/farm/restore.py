@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pyarrow.compute as pc
 
 from fractal_farm.catalogue import Catalogue, committed_records, latest_snapshot
 from fractal_farm.catalogue.parts import list_parts, read_footer
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.config import RunConfig
+from fractal_farm.distinctness import LENGTH, DistinctSet, signatures
 from fractal_farm.evolution.island import IslandState, founding_state, library_after
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.events import Progress
@@ -55,6 +57,19 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
         if epoch > last - lag:
             schedule.remember(island, epoch, leaving)
     return schedule, progress, elapsed_s
+
+
+def known_shapes(config: RunConfig, root: Path) -> DistinctSet:
+    """The shapes that the committed part of a run has found: those of its published designs, in the order of birth."""
+    shapes = DistinctSet(np.zeros((0, LENGTH)))
+    columns = ["epoch", "island", "generation", "slot", "fitness", "d0", "d2", "descriptor"]
+    designs = Catalogue.open(root).designs(columns, config.run_id)
+    designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
+    designs = designs.sort_by([(name, "ascending") for name in columns[:4]])
+    if len(designs):
+        descriptors = np.array(designs.column("descriptor").to_pylist(), np.float32)
+        shapes.sift(signatures(descriptors, designs.column("d0").to_numpy(), designs.column("d2").to_numpy()))
+    return shapes
 
 
 def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:

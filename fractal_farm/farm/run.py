@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from fractal_farm.config import RunConfig
+from fractal_farm.distinctness import DistinctSet, signatures
 from fractal_farm.errors import FarmError
+from fractal_farm.evolution.designs import Designs
 from fractal_farm.evolution.island import EpochRecord, IslandState
 from fractal_farm.farm.events import (
     Announcer,
@@ -79,6 +81,7 @@ class Run:
         executor: Executor,
         schedule: Schedule,
         progress: Progress,
+        shapes: DistinctSet,
         queue: MeshQueue,
         announce: Announcer,
         interrupted: Callable[[], str | None],
@@ -93,6 +96,7 @@ class Run:
             executor: who works.
             schedule: where the islands stand.
             progress: totals up to the last committed epoch.
+            shapes: shapes found up to that epoch.
             queue: designs that wait for a mesh.
             announce: hears the events.
             interrupted: why the run should end now, or None.
@@ -104,6 +108,7 @@ class Run:
         self._executor = executor
         self._schedule = schedule
         self.progress = self._committed = progress
+        self._shapes = shapes
         self._queue = queue
         self._meshes_before = queue.started
         self._announce = announce
@@ -225,9 +230,10 @@ class Run:
             return  # beyond the last epoch
         if record.arrivals:
             self._announce(Migration(record.island, record.epoch, record.arrivals, record.settled))
-        for records, states in self._schedule.finish(record):
+        for complete, states in self._schedule.finish(record):
             if self._ending is not None:
                 return
+            records = [replace(record, born=self._with_distinct(record.born)) for record in complete]
             progress = totals_after(self._config, self.progress, records)
             self.progress = progress
             if not self._group.records:
@@ -241,6 +247,16 @@ class Run:
             rate = (progress.evaluated - self._evaluated_before) / max(session_s, 1e-9)
             self._announce(EpochCompleted(records[0].epoch, progress, self.elapsed_s, rate))
             self._ending = reached(self._config, progress)
+
+    def _with_distinct(self, born: Designs) -> Designs:
+        """The designs, with the qualified ones of new shapes marked; they are looked at in the order of their slots."""
+        born = born.copy()
+        order = np.lexsort((born["slot"], born["generation"]))
+        qualified = order[born["fitness"][order] > self._config.evolution.qualified]
+        rows = born[qualified]
+        _, entered = self._shapes.sift(signatures(rows["descriptor"], rows["d0"], rows["d2"]))
+        born["distinct"][qualified] = entered
+        return born
 
     def _commit(self, group: _Group) -> None:
         rows = np.concatenate([record.born for record in group.records])

@@ -28,7 +28,7 @@ from fractal_farm.farm.executor import ClusterLostError
 from fractal_farm.farm.interrupts import interrupts
 from fractal_farm.farm.preflight import check_disk
 from fractal_farm.farm.report import write_report
-from fractal_farm.farm.restore import last_epoch, mesh_queue, restore
+from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
 from fractal_farm.farm.run import Run
 from fractal_farm.farm.sheet import write_sheet
 from fractal_farm.farm.stopping import chosen_run, stop_requested, withdraw_stop
@@ -234,6 +234,7 @@ def _stretch(
             executor,
             schedule,
             progress,
+            known_shapes(config, root),
             queue,
             announce,
             why_end,

@@ -6,7 +6,6 @@ need none of them.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -107,7 +106,7 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
         phenotype,
         config.phenotype.points,
         formula,
-        described_from=config.qualified if config.method == "niches" else math.inf,
+        described_from=config.qualified,
     )
     gaps = np.full(len(result.fitness), np.nan)
     values = np.column_stack([result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error, gaps])

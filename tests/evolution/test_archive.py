@@ -83,12 +83,12 @@ def test_a_near_duplicate_with_a_smaller_gap_takes_the_place_of_a_member_that_do
 def test_each_number_of_maps_has_its_quota_and_few_hits_and_small_gaps_weigh_more():
     limit = NICHES.niches.gap
     library = np.concatenate([rows_at(np.zeros((3, 6)), limit), rows_at(np.zeros((1, 6)), limit, n_maps=3)])
-    library["hits"] = [0, 3, 0, 7]
+    library["hits"] = [0, 1, 0, 7]
     library["gap"][2] = 4 * limit
     weights = parent_weights(library, NICHES)
     assert weights[:3].sum() == pytest.approx(0.5)
     assert weights[3] == pytest.approx(0.5)
-    assert weights[0] / weights[1] == pytest.approx(2)
+    assert weights[0] / weights[1] == pytest.approx(4)
     assert weights[0] / weights[2] == pytest.approx(4)
     library["gap"] = np.nan
     assert np.all(parent_weights(library, NICHES) > 0)

@@ -42,7 +42,13 @@ def evolve(config, epochs, island=0, inbox=(), evaluate=landscape):
 
 
 SMALL = EvolutionConfig.model_validate(
-    {"offspring": 40, "generations_per_epoch": 3, "library": {"size": 20}, "migration": {"emigrants": 3}}
+    {
+        "method": "best",
+        "offspring": 40,
+        "generations_per_epoch": 3,
+        "library": {"size": 20},
+        "migration": {"emigrants": 3},
+    }
 )
 PAPER = EvolutionConfig.model_validate(
     {

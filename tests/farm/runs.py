@@ -11,6 +11,7 @@ def small_config(*overrides: str) -> RunConfig:
             "name": "small",
             "evolution": {
                 "seed": 7,
+                "method": "best",
                 "islands": 3,
                 "generations_per_epoch": 2,
                 "offspring": 24,
