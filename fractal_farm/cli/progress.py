@@ -24,7 +24,12 @@ from fractal_farm.farm.events import (
     RunStarted,
 )
 
-_LIMITS = (("epochs", "epochs"), ("evaluations", "evaluated"), ("qualified", "kept_qualified"))
+_LIMITS = (
+    ("epochs", "epochs"),
+    ("evaluations", "evaluated"),
+    ("qualified", "kept_qualified"),
+    ("distinct", "distinct"),
+)
 _FIRST_INTERVAL_S, _LAST_INTERVAL_S = 5.0, 60.0
 
 
@@ -122,7 +127,7 @@ class RunView:
             f"epoch {p.epochs}",
             f"{p.evaluated:,} evaluated ({self.rate:,.0f}/s)",
             f"{p.designs:,} designs",
-            f"{p.kept_qualified:,} qualified",
+            f"{p.distinct:,} distinct",
             f"best {p.best_fitness:.3f}",
             f"{self.meshes}{wanted} meshes",
             f"{byte_count(self.bytes)} in {self.files} files",

@@ -176,6 +176,7 @@ def _report(summary: RunSummary, as_json: bool) -> int:
         {
             "run": f"{summary.name} ({summary.run_id}): {ended.reason}",
             "designs": f"{progress.designs:,} in the catalogue, {progress.kept_qualified:,} of them qualified",
+            "distinct": f"{progress.distinct:,} shapes that differ by more than chance",
             "evaluated": f"{progress.evaluated:,} in {progress.epochs:,} epochs and {duration(ended.elapsed_s)}",
             "best fitness": f"{progress.best_fitness:.4f}",
             "meshes": f"{ended.meshes} made now{failed}" + (f", in {summary.path / 'solids'}" if ended.meshes else ""),

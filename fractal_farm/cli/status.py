@@ -111,7 +111,7 @@ def status_line(facts: dict[str, Any]) -> str:
         f"epoch {facts['complete_epochs']}",
         f"{facts['evaluated']:,} evaluated ({rate:,.0f}/s)",
         f"{facts['designs']:,} designs",
-        f"{facts['kept_qualified']:,} qualified",
+        f"{facts['distinct']:,} distinct",
         f"best {facts['best_fitness']:.3f}",
         f"{facts['meshes']:,} meshes",
         f"{byte_count(facts['bytes'])}, {byte_count(facts['free_bytes'])} free",
@@ -145,6 +145,7 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         "waiting": facts["waits"],
         "designs": f"{facts['designs']:,}" + (f": {counts}" if counts else ""),
         "qualified": f"{facts['kept_qualified']:,} kept, of {facts['qualified']:,} found",
+        "distinct": f"{facts['distinct']:,} shapes that differ by more than chance",
         "printable": f"{facts['printable']:,} in one piece at the run's wall",
         "evaluated": f"{facts['evaluated']:,} in {facts['epochs']:,} epochs and {duration(facts['elapsed_s'])} "
         f"({facts['rate']:,.0f}/s{now}){waiting}",

@@ -27,7 +27,12 @@ MIGRATION_EPOCHS = 10
 _SETTLED_SECONDS = 60.0
 _RATE_SECONDS = 60.0
 _COLUMNS = ("design_id", "kind", "fitness", "n_maps", "gap")
-_COUNTING_LIMITS = (("epochs", "epochs"), ("evaluations", "evaluated"), ("qualified", "kept_qualified"))
+_COUNTING_LIMITS = (
+    ("epochs", "epochs"),
+    ("evaluations", "evaluated"),
+    ("qualified", "kept_qualified"),
+    ("distinct", "distinct"),
+)
 
 
 def status(path: Path) -> dict[str, Any]:

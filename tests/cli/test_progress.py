@@ -23,7 +23,9 @@ def started(**stop: float | None) -> RunStarted:
 
 
 def epoch(number: int, elapsed_s: float) -> EpochCompleted:
-    progress = Progress(epochs=number, evaluated=1000 * number, designs=40 * number, kept_qualified=10 * number)
+    progress = Progress(
+        epochs=number, evaluated=1000 * number, designs=40 * number, kept_qualified=10 * number, distinct=10 * number
+    )
     return EpochCompleted(number - 1, progress, elapsed_s, 1234.5)
 
 
@@ -62,7 +64,7 @@ def test_the_line_has_rate_qualified_meshes_and_disk() -> None:
     view.take(PartCommitted(0, 1, 80, 5, 4_200_000, 31, 4_200_000, 80, 2, 2.0), 2.0)
     view.take(MeshFinished("ab" * 16, 0.5, 3, 12), 2.0)
     line = view.line(62.0)
-    for part in ("epoch 2", "2,000 evaluated (1,234/s)", "80 designs", "20 qualified", "3 of 12 meshes",
+    for part in ("epoch 2", "2,000 evaluated (1,234/s)", "80 designs", "20 distinct", "3 of 12 meshes",
                  "4.2 MB in 31 files", "1:02", "left"):  # fmt: skip
         assert part in line, line
 

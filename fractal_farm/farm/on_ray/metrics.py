@@ -40,6 +40,7 @@ COUNTERS = {
 GAUGES = {
     "farm_designs": "designs kept",
     "farm_qualified": "qualified designs kept",
+    "farm_distinct": "qualified designs of different shapes",
     "farm_best_fitness": "highest fitness in any library",
     "farm_mean_fitness": "mean fitness of accepted offspring in the last epoch",
     "farm_committed_epochs": "epochs that are durable",
@@ -130,6 +131,7 @@ class _Metrics(Callback):
         self._progress = progress
         self._set("farm_designs", progress.designs)
         self._set("farm_qualified", progress.kept_qualified)
+        self._set("farm_distinct", progress.distinct)
         self._set("farm_best_fitness", progress.best_fitness)
         self._set("farm_mean_fitness", progress.mean_accepted)
         self._set("farm_uncommitted_designs", max(0, progress.designs - self._committed_designs))

@@ -67,9 +67,12 @@ def qualified_chart(history: RunHistory) -> str:
     x = np.array([0.0, *(seconds / unit for seconds, _ in samples)])
     qualified = np.array([0.0, *(progress.kept_qualified for _, progress in samples)])
     kept = np.array([0.0, *(progress.designs for _, progress in samples)])
+    distinct = np.array([0.0, *(progress.distinct for _, progress in samples)])
     lines = [Series("qualified", x, qualified, 1)]
     if (kept != qualified).any():
         lines.append(Series("all kept", x, kept, 2))
+    if (distinct != qualified).any():
+        lines.append(Series("distinct", x, distinct, 3))
     keep = history.config.catalogue.keep if history.config else "kept"
     return (
         line_chart(lines, f"{unit_name} of work", "designs in the catalogue over time", events=_resumptions(history))

@@ -146,6 +146,7 @@ def _tiles(history: RunHistory, designs: Any) -> str:
         (f"{progress.epochs:,}", "epochs"),
         (f"{designs.num_rows:,}", "designs kept"),
         (f"{progress.kept_qualified:,}", "of them qualified"),
+        (f"{progress.distinct:,}", "distinct shapes"),
     ]
     if history.config is not None:
         wall = history.config.solids.wall_mm / history.config.solids.size_mm
