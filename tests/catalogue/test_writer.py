@@ -7,14 +7,13 @@ import pytest
 from fractal_farm.catalogue import (
     Catalogue,
     RunWriter,
-    StorageFullError,
     committed_records,
     design_table,
     remove_orphans,
 )
 from fractal_farm.catalogue import shards as shards_module
 from fractal_farm.catalogue import writer as writer_module
-from fractal_farm.errors import FarmError, InputError
+from fractal_farm.errors import FarmError, InputError, StorageFullError
 from fractal_farm.ifs.genome import Genome, Phenotype
 from fractal_farm.ifs.quantised_cloud import QuantisedClouds, quantised_attractors
 from tests.catalogue.examples import N_POINTS, RUN, commit_epochs, designs, files, genome, records, writer
