@@ -17,7 +17,8 @@ from typing import Any
 from fractal_farm import farm
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import FarmError
-from fractal_farm.evolution.island import Candidates, IslandState, Scores, advance, drive, founding_state, library_after
+from fractal_farm.evolution.epoch import Candidates, IslandState, Scores, founding_state, library_after
+from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.events import Callback, EpochCompleted, Event
 from fractal_farm.farm.work import evaluate_candidates
 

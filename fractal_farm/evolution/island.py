@@ -8,128 +8,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
-from fractal_farm.distinctness import DESCRIPTOR_LENGTH
 from fractal_farm.evolution.archive import Archive, parent_weights
 from fractal_farm.evolution.designs import (
     SCORE_FIELDS,
     Designs,
     Operator,
-    design_dtype,
     total_order,
     without_repeats,
 )
+from fractal_farm.evolution.epoch import (
+    Candidates,
+    EpochRecord,
+    GenerationStatistics,
+    IslandState,
+    Scores,
+    founding_state,
+)
 from fractal_farm.evolution.migration import emigrants, settle
-from fractal_farm.evolution.offspring import Brood, founders, max_maps, offspring
-from fractal_farm.ifs.genome import ROW_LENGTH, design_id
+from fractal_farm.evolution.offspring import Brood, founders, offspring
+from fractal_farm.ifs.genome import design_id
 
 _GAP = SCORE_FIELDS.index("gap")
 ACCEPTED_BLOCK = 32
 ACCEPTED_BLOCKS_LIMIT = 1024
-
-
-class Candidates(NamedTuple):
-    """Genomes to evaluate.
-
-    Attributes:
-        genes: (B, M, K) float64, padded with 0.
-        n_maps: (B,) int64.
-        wanted: "scores", or "gap" for that number alone.
-    """
-
-    genes: npt.NDArray[np.float64]
-    n_maps: npt.NDArray[np.int64]
-    wanted: Literal["scores", "gap"] = "scores"
-
-
-class Scores(NamedTuple):
-    """What was found out about candidates.
-
-    Attributes:
-        values: (B, 7) float64 in the order of `SCORE_FIELDS`, nan where it was not wanted.
-        refusals: (B,) uint8 `Refusal` codes.
-        descriptors: (B, 14) float32, nan where it was not wanted.
-    """
-
-    values: npt.NDArray[np.float64]
-    refusals: npt.NDArray[np.uint8]
-    descriptors: npt.NDArray[np.float32]
-
-    @classmethod
-    def unknown(cls, count: int) -> Scores:
-        """Scores of so many candidates that nothing is known of."""
-        values = np.full((count, len(SCORE_FIELDS)), np.nan)
-        descriptors = np.full((count, DESCRIPTOR_LENGTH), np.nan, np.float32)
-        return cls(values, np.zeros(count, np.uint8), descriptors)
-
-
-@dataclass(frozen=True)
-class GenerationStatistics:
-    """What happened in one generation of one island.
-
-    Attributes:
-        generation: its number; 0 is the founding of the library.
-        evaluated: candidates that were evaluated.
-        refused: candidates among them that got no score.
-        accepted: candidates that passed the elimination.
-        qualified: candidates above the threshold of qualified designs.
-        joined: candidates that entered the library.
-        mean_accepted: mean fitness of the accepted (0 if there are none).
-        best: highest fitness in the library afterwards.
-    """
-
-    generation: int
-    evaluated: int
-    refused: int
-    accepted: int
-    qualified: int
-    joined: int
-    mean_accepted: float
-    best: float
-
-
-@dataclass(frozen=True)
-class IslandState:
-    """An island after an epoch; epoch -1 is before it was founded, with an empty library."""
-
-    epoch: int
-    library: Designs
-
-
-@dataclass(frozen=True)
-class EpochRecord:
-    """Everything that an epoch of an island decided.
-
-    Attributes:
-        island: index of the island.
-        epoch: number of the epoch.
-        survivors: indices into the previous library, in the order in which they lead the new one.
-        entrants: rows that follow them; `library_after` puts the two together.
-        order: permutation that puts survivors and entrants into the library's order.
-        emigrants: indices into the new library of those whose copies leave.
-        born: rows that joined the library at some time of the epoch, in order of birth.
-        statistics: one entry a generation.
-        arrivals: (source island, number sent) for each source; `settled` of them found a place.
-        settled: number of arrivals that found a place.
-        hits: by how much the hits of every member of the new library have grown; empty without niches.
-    """
-
-    island: int
-    epoch: int
-    survivors: npt.NDArray[np.int32]
-    entrants: Designs
-    order: npt.NDArray[np.int32]
-    emigrants: npt.NDArray[np.int32]
-    born: Designs
-    statistics: tuple[GenerationStatistics, ...]
-    arrivals: tuple[tuple[int, int], ...] = ()
-    settled: int = 0
-    hits: npt.NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
 
 @dataclass
@@ -140,20 +47,6 @@ class _Epoch:
     archive: Archive | None = None
     born: list[Designs] = field(default_factory=list)
     statistics: list[GenerationStatistics] = field(default_factory=list)
-
-
-def founding_state(config: EvolutionConfig) -> IslandState:
-    """The state of any island before its first epoch."""
-    dtype = design_dtype(max_maps(config), ROW_LENGTH[config.phenotype.family])
-    return IslandState(-1, np.zeros(0, dtype))
-
-
-def library_after(previous: Designs, record: EpochRecord) -> Designs:
-    """The library at the end of a record's epoch, from the one before it."""
-    library = np.concatenate([previous[record.survivors], record.entrants])[record.order]
-    if len(record.hits):
-        library["hits"] += record.hits
-    return library
 
 
 def advance(

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Protocol
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import FarmError, StorageFullError
 from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.island import Candidates, EpochRecord, IslandState, Scores, advance, drive
+from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores
+from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, SetAside, evaluate_candidates, make_solid
 
 if TYPE_CHECKING:

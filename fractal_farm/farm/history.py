@@ -24,7 +24,7 @@ from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError
-from fractal_farm.evolution.island import GenerationStatistics
+from fractal_farm.evolution.epoch import GenerationStatistics
 from fractal_farm.farm.event_log import log_path
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.records import read_summary

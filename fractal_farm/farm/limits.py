@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractal_farm.config import RunConfig
 from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.island import EpochRecord
+from fractal_farm.evolution.epoch import EpochRecord
 from fractal_farm.farm.events import Progress
 
 STALL_SECONDS = 600.0

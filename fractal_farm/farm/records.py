@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.island import EpochRecord, GenerationStatistics, IslandState
+from fractal_farm.evolution.epoch import EpochRecord, GenerationStatistics, IslandState
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.work import SetAside
 

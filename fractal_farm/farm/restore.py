@@ -12,7 +12,7 @@ from fractal_farm.catalogue.parts import list_parts, read_footer
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import LENGTH, DistinctSet, signatures
-from fractal_farm.evolution.island import IslandState, founding_state, library_after
+from fractal_farm.evolution.epoch import IslandState, founding_state, library_after
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.mesh_queue import MeshQueue

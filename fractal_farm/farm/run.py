@@ -17,7 +17,7 @@ from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import DistinctSet, signatures
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.island import EpochRecord, IslandState
+from fractal_farm.evolution.epoch import EpochRecord, IslandState
 from fractal_farm.farm.events import (
     Announcer,
     Continued,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 
 from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.island import EpochRecord, IslandState, library_after
+from fractal_farm.evolution.epoch import EpochRecord, IslandState, library_after
 
 LEAD = 8
 

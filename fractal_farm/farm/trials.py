@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import SCORE_FIELDS
-from fractal_farm.evolution.island import Candidates, Scores
+from fractal_farm.evolution.epoch import Candidates, Scores
 from fractal_farm.farm.work import SetAside, joined, sample_candidates
 from fractal_farm.ifs.genome import Genome, Refusal
 

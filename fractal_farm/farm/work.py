@@ -15,7 +15,7 @@ import numpy.typing as npt
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs
-from fractal_farm.evolution.island import Candidates, Scores
+from fractal_farm.evolution.epoch import Candidates, Scores
 from fractal_farm.evolution.offspring import founders
 from fractal_farm.ifs.genome import Genome, Phenotype
 

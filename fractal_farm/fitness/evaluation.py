@@ -6,7 +6,6 @@ allocated once a batch, and batches run side by side in threads. Refused genomes
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,14 +17,14 @@ from fractal_farm.errors import InputError
 from fractal_farm.fitness.descriptor import LENGTH, DescriptorWorkspace, describe, new_descriptor_workspace
 from fractal_farm.fitness.dimensions import CloudWorkspace, measure, new_cloud_workspace
 from fractal_farm.fitness.formula import FitnessFormula, FormulaNumbers, fitness, numbers_of
+from fractal_farm.fitness.inputs import as_typed, checked_batch, checked_probabilities, whole_number
 from fractal_farm.fitness.lyapunov import (
     TangentWorkspace,
     new_tangent_workspace,
     similarity_exponent,
     tangent_growth,
 )
-from fractal_farm.fitness.points import real_table
-from fractal_farm.ifs.genome import MAX_MAPS, ROW_LENGTH, Genome, Phenotype, Refusal, check_probabilities
+from fractal_farm.ifs.genome import MAX_MAPS, ROW_LENGTH, Genome, Phenotype, Refusal
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.random_iteration import iterate, stream_keys, stream_number
 from fractal_farm.ifs.system import Reading, System, build_system, new_system, reading_of
@@ -96,10 +95,10 @@ def evaluate(
         InputError: a genome of a wrong shape or with bad probabilities, n_points below 2, or repeats below 1.
     """
     formula = FitnessFormula() if formula is None else formula
-    repeats = _count("repeats", repeats, 1)
+    repeats = whole_number("repeats", repeats, 1)
     if isinstance(genomes, Genome) or not isinstance(genomes, Iterable):
         raise InputError("genomes: not a sequence; give a list of genomes")
-    typed = [_as_typed(value, f"genome {number}") for number, value in enumerate(genomes)]
+    typed = [as_typed(value, f"genome {number}") for number, value in enumerate(genomes)]
     result = _unscored(len(typed))
     for phenotype in dict.fromkeys(genome.phenotype for genome in typed):
         members = [i for i, genome in enumerate(typed) if genome.phenotype == phenotype]
@@ -149,9 +148,11 @@ def evaluate_batch(
     Raises:
         InputError: shapes that do not fit, probabilities that are none, n_points below 2, or repeat below 0.
     """
-    n_points, repeat = _count("n_points", n_points, 2), _count("repeat", repeat, 0, _MOST_REPEATS)
-    genes, n_maps = _checked(genes, n_maps, ROW_LENGTH[phenotype.family])
-    by_hand = np.full(genes.shape[:2], -1.0) if probabilities is None else _by_hand(probabilities, genes, n_maps)
+    n_points, repeat = whole_number("n_points", n_points, 2), whole_number("repeat", repeat, 0, _MOST_REPEATS)
+    genes, n_maps = checked_batch(genes, n_maps, ROW_LENGTH[phenotype.family])
+    by_hand = (
+        np.full(genes.shape[:2], -1.0) if probabilities is None else checked_probabilities(probabilities, genes, n_maps)
+    )
     values = np.empty((6, len(genes)))
     result = _unscored(len(genes))
     stream = stream_number("fitness" if repeat == 0 else "repeat", repeat)
@@ -280,50 +281,3 @@ def _mean(parts: list[Evaluation]) -> Evaluation:
         getattr(result, f"{name}_error")[:] = offsets.std(axis=0, ddof=1) / np.sqrt(len(parts))
     result.refusal[:] = np.max([part.refusal for part in parts], axis=0)
     return result
-
-
-def _as_typed(value: Genome | npt.ArrayLike, name: str) -> Genome:
-    """A genome of a sound shape; its numbers are judged by the kernel, which refuses instead of raising."""
-    if not isinstance(value, Genome):
-        value = Genome(real_table(value, f"{name}: not a table of numbers; give N rows of 7 genes"))
-    width = ROW_LENGTH[value.phenotype.family]
-    shape = value.genes.shape
-    if len(shape) != 2 or shape[1] != width or not 1 <= shape[0] <= MAX_MAPS:
-        family = value.phenotype.family
-        raise InputError(f"{name}: shape {shape}; a {family} genome has 1 to {MAX_MAPS} rows of {width} numbers")
-    if value.probabilities is not None:
-        check_probabilities(value.probabilities, value.n_maps, name)
-    return value
-
-
-def _count(name: str, value: int, least: int, most: int | None = None) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        raise InputError(f"{name} is {value!r}; give a whole number") from None
-    if number < least or (most is not None and number > most):
-        raise InputError(f"{name} is {number}; it must be at least {least}" + (f", at most {most}" if most else ""))
-    return number
-
-
-def _checked(genes: FloatArray, n_maps: npt.ArrayLike, width: int) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Copies of sound shape and type; read-only arrays would be compiled for again."""
-    genes = np.array(real_table(genes, f"genes: not numbers; give (B, M, {width})"), order="C")
-    if genes.ndim != 3 or genes.shape[2] != width or not 1 <= genes.shape[1] <= MAX_MAPS:
-        raise InputError(f"genes: shape {genes.shape}; give (B, M, {width}) with M from 1 to {MAX_MAPS}")
-    counts = np.array(n_maps)
-    whole = np.issubdtype(counts.dtype, np.integer) and counts.shape == genes.shape[:1]
-    if (not whole and len(genes)) or not ((counts >= 1) & (counts <= genes.shape[1])).all():
-        raise InputError(f"n_maps: give {len(genes)} whole numbers from 1 to {genes.shape[1]}")
-    return genes, counts.astype(np.int64)
-
-
-def _by_hand(probabilities: npt.ArrayLike, genes: FloatArray, n_maps: npt.NDArray[np.int64]) -> FloatArray:
-    """Probabilities (B, M) of sound shape, those of each genome sound or left to the rule."""
-    by_hand = np.array(real_table(probabilities, "probabilities: not numbers"), order="C")
-    if by_hand.shape != genes.shape[:2]:
-        raise InputError(f"probabilities: shape {by_hand.shape}; give {genes.shape[:2]}")
-    for b in np.flatnonzero(~(by_hand[:, 0] < 0.0)).tolist():
-        count = int(n_maps[b])
-        check_probabilities(tuple(by_hand[b, :count].tolist()), count, f"probabilities: genome {b}")
-    return by_hand

@@ -7,7 +7,8 @@ from fractal_farm.config import EvolutionConfig
 from fractal_farm.distinctness import DISTINCT, projection
 from fractal_farm.evolution.archive import Archive, parent_weights, signatures_of
 from fractal_farm.evolution.designs import design_dtype
-from fractal_farm.evolution.island import IslandState, Scores, advance, drive, founding_state, library_after
+from fractal_farm.evolution.epoch import IslandState, Scores, founding_state, library_after
+from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.work import evaluate_candidates
 
 NICHES = EvolutionConfig.model_validate(

@@ -8,15 +8,8 @@ import pytest
 
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.designs import Operator, total_order
-from fractal_farm.evolution.island import (
-    Candidates,
-    IslandState,
-    Scores,
-    advance,
-    drive,
-    founding_state,
-    library_after,
-)
+from fractal_farm.evolution.epoch import Candidates, IslandState, Scores, founding_state, library_after
+from fractal_farm.evolution.island import advance, drive
 from fractal_farm.ifs.genome import Genome
 from tests.table1 import TABLE1
 

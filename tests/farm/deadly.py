@@ -5,7 +5,7 @@ import signal
 
 import numpy as np
 
-from fractal_farm.evolution.island import Scores
+from fractal_farm.evolution.epoch import Scores
 from fractal_farm.farm.trials import refused
 from fractal_farm.farm.work import evaluate_candidates
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fractal_farm.evolution.designs import design_dtype
-from fractal_farm.evolution.island import EpochRecord, IslandState
+from fractal_farm.evolution.epoch import EpochRecord, IslandState
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.schedule import LEAD, Schedule
 

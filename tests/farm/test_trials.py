@@ -9,7 +9,7 @@ import pytest
 from fractal_farm import farm
 from fractal_farm.catalogue import committed_records
 from fractal_farm.errors import FarmError
-from fractal_farm.evolution.island import Candidates, founding_state
+from fractal_farm.evolution.epoch import Candidates, founding_state
 from fractal_farm.evolution.offspring import founders
 from fractal_farm.farm import executor, trials
 from fractal_farm.farm.events import Fault

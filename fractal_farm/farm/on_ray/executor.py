@@ -27,15 +27,8 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import FarmError, StorageFullError
-from fractal_farm.evolution.island import (
-    Candidates,
-    EpochRecord,
-    IslandState,
-    Scores,
-    advance,
-    drive,
-    library_after,
-)
+from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, library_after
+from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.executor import (
     ClusterLostError,
     EpochDone,
