@@ -21,9 +21,14 @@ ENDLESS = ("--set", "stop.epochs=1000000", "--set", "solids.max=0")
 
 
 def start(*arguments: str) -> subprocess.Popen[str]:
-    """`farm` in a process of its own, as the leader of its group, as a shell starts it."""
+    """`farm` in a process of its own, as the leader of its group, as a shell starts it: with signals that are heard."""
     return subprocess.Popen(
-        [*FARM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        [*FARM, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 
@@ -68,7 +73,7 @@ def test_a_run_that_is_not_live_cannot_be_stopped(run_directory: Path, capsys: p
     assert "not live" in err
 
 
-@pytest.mark.parametrize("executor", ["serial", "ray"])
+@pytest.mark.parametrize("executor", ["serial", pytest.param("ray", marks=pytest.mark.slow)])
 def test_a_second_ctrl_c_ends_a_run_at_once_and_it_can_be_resumed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], executor: str
 ) -> None:

@@ -58,7 +58,7 @@ def fill(path):
                 return
 
 
-@pytest.mark.parametrize("executor", ["serial", pytest.param("ray", marks=pytest.mark.ray)])
+@pytest.mark.parametrize("executor", ["serial", pytest.param("ray", marks=[pytest.mark.ray, pytest.mark.slow])])
 def test_a_full_disk_pauses_the_run_and_changes_nothing(small_disk, tmp_path, monkeypatch, executor, request):
     if executor == "ray":
         request.getfixturevalue("ray_cluster")

@@ -159,6 +159,7 @@ def test_batches_killed_from_outside_change_nothing(ray_cluster, tmp_path, monke
     assert not [event for event in recorder.of(Fault) if event.where.startswith("genome")]
 
 
+@pytest.mark.slow
 @pytest.mark.ray
 def test_evaluations_that_die_everywhere_end_the_run_with_a_line(ray_cluster, tmp_path, monkeypatch):
     with pytest.raises(FarmError, match="died of a first evaluation"):
