@@ -22,7 +22,7 @@ from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.events import Callback, EpochCompleted, Event
 from fractal_farm.farm.work import evaluate_candidates
 
-FIRST, LAST = 2, 11  # epochs: what lies between is measured
+FIRST, LAST = 1, 5  # epochs: what lies between is measured
 _PATIENCE_SECONDS = 600.0
 
 

@@ -23,5 +23,5 @@ def test_fifty_kills_of_every_kind_of_process_lose_and_change_nothing(tmp_path):
     assert torn_files(storm.catalogue) == []
     assert duplicates(storm.catalogue) == []
     assert digest == storm.undisturbed(epochs)
-    verified = storm.command("verify", "full", str(storm.catalogue))
+    verified = storm.command("verify", str(storm.catalogue), "full")
     assert subprocess.run(verified, capture_output=True, check=False, timeout=600).returncode == 0
