@@ -15,7 +15,17 @@ from typing import Annotated
 import typer
 
 from fractal_farm import __version__
-from fractal_farm.cli import bench, catalogue_commands, design_commands, doctor, jobs, run_commands, status, verify
+from fractal_farm.cli import (
+    bench,
+    catalogue_commands,
+    design_commands,
+    doctor,
+    experiment,
+    jobs,
+    run_commands,
+    status,
+    verify,
+)
 from fractal_farm.errors import FarmError, InputError
 
 app = typer.Typer(
@@ -41,6 +51,7 @@ app.command("mesh")(design_commands.mesh)
 app.command("verify")(verify.verify)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
+app.add_typer(experiment.app, name="experiment")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

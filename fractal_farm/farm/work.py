@@ -91,8 +91,11 @@ class MeshOrder:
     formats: tuple[str, ...]
 
 
-def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scores:
-    """Random iteration and fitness of a block of genomes (compiled; releases the GIL)."""
+def evaluate_candidates(candidates: Candidates, config: EvolutionConfig, repeat: int = 0) -> Scores:
+    """Random iteration and fitness of a block of genomes (compiled; releases the GIL).
+
+    Designs are scored by the first cloud, of number 0; others are grown with other random numbers (`repeat`).
+    """
     from fractal_farm.fitness import FitnessFormula, evaluate_batch
 
     phenotype = config.phenotype.phenotype()
@@ -106,6 +109,7 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
         phenotype,
         config.phenotype.points,
         formula,
+        repeat=repeat,
         described_from=config.qualified,
     )
     gaps = np.full(len(result.fitness), np.nan)

@@ -1,0 +1,164 @@
+"""One run in this process, epoch by epoch: the farm's schedule, islands and evaluation, without catalogue or Ray.
+
+An evaluation is a whole one (cloud, D0, D2, LLE), counted as the farm counts it: what the paper's preset evaluates
+beyond its tenth accepted offspring is as if it had never been drawn. Searches for a gap are counted apart. Islands work
+side by side, so that evaluations follow each other by (epoch, generation, island, slot).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.config import EvolutionConfig
+from fractal_farm.evolution.designs import SCORE_FIELDS, Designs
+from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, founding_state
+from fractal_farm.evolution.island import advance, drive
+from fractal_farm.evolution.migration import sources
+from fractal_farm.farm.schedule import Schedule
+from fractal_farm.farm.work import evaluate_candidates, sample_candidates
+
+_FITNESS = SCORE_FIELDS.index("fitness")
+_WANTED: tuple[Literal["scores", "gap"], ...] = ("scores", "gap")
+
+State = Mapping[str, npt.NDArray[Any]]
+Blocks = list[tuple[Candidates, Scores]]
+
+
+class Totals(NamedTuple):
+    """What a run has done and cost so far.
+
+    Attributes:
+        evaluated: whole evaluations.
+        gap_searches: searches for the gap of a genome.
+        cpu_s: processor time, seconds.
+        wall_s: time by the clock, seconds.
+    """
+
+    evaluated: float = 0
+    gap_searches: float = 0
+    cpu_s: float = 0.0
+    wall_s: float = 0.0
+
+
+class Finds(NamedTuple):
+    """Candidates that qualified, in the order in which they were evaluated.
+
+    Attributes:
+        number: (n,) int64 number of the evaluation, from 0.
+        genes: (n, M, K) float64, padded with 0.
+        n_maps: (n,) int64.
+    """
+
+    number: npt.NDArray[np.int64]
+    genes: npt.NDArray[np.float64]
+    n_maps: npt.NDArray[np.int64]
+
+
+class Course:
+    """A run that stands after some whole epoch of all islands.
+
+    Attributes:
+        totals: at the beginning and after each epoch.
+    """
+
+    def __init__(self, config: EvolutionConfig, state: State | None = None) -> None:
+        """Begin, or go on from a `state`.
+
+        Kernels are compiled here, so that no epoch is charged for it.
+        """
+        self._config = config
+        migration = config.migration
+        links = sources(migration.topology, config.islands, migration.degree, config.seed)
+        empty = founding_state(config)
+        libraries = dict.fromkeys(range(config.islands), empty) if state is None else _unpacked(state)
+        self._schedule = Schedule(links, migration.lag, libraries)
+        self._leaving: dict[tuple[int, int], Designs] = {} if state is None else _unpacked_leaving(state)
+        for (island, epoch), rows in self._leaving.items():
+            self._schedule.remember(island, epoch, rows)
+        self.totals = [Totals()] if state is None else [Totals(*row) for row in state["totals"].tolist()]
+        for wanted in _WANTED:
+            evaluate_candidates(sample_candidates(config)._replace(wanted=wanted), config)
+
+    def epoch(self) -> Finds:
+        """Take all islands through one epoch; what qualified in it."""
+        began = time.process_time(), time.perf_counter()
+        searches = 0
+        scored: list[tuple[int, int, Candidates, npt.NDArray[np.float64]]] = []
+        for island, epoch in self._schedule.ready():
+            blocks: Blocks = []
+            inbox = self._schedule.start(island, epoch)
+            steps = advance(self._schedule.state[island], inbox, self._config, island, epoch)
+            record = drive(steps, lambda candidates, blocks=blocks: self._evaluated(candidates, blocks))  # type: ignore[misc]
+            self._schedule.finish(record)
+            self._leaving[island, epoch] = self._schedule.state[island].library[record.emigrants]
+            searches += sum(len(block.n_maps) for block, _ in blocks if block.wanted == "gap")
+            for generation, candidates, fitness in _by_generation(blocks, record):
+                scored.append((generation, island, candidates, fitness))
+        last = self._schedule.complete - self._config.migration.lag
+        self._leaving = {key: rows for key, rows in self._leaving.items() if key[1] > last}
+        spent = time.process_time() - began[0], time.perf_counter() - began[1]
+        scored.sort(key=lambda entry: entry[:2])
+        before = self.totals[-1]
+        found = np.concatenate([entry[3] for entry in scored])
+        self.totals.append(
+            Totals(
+                before.evaluated + len(found),
+                before.gap_searches + searches,
+                before.cpu_s + spent[0],
+                before.wall_s + spent[1],
+            )
+        )
+        qualified = np.flatnonzero(found > self._config.qualified)
+        return Finds(
+            qualified + int(before.evaluated),
+            np.concatenate([entry[2].genes for entry in scored])[qualified],
+            np.concatenate([entry[2].n_maps for entry in scored])[qualified],
+        )
+
+    def state(self) -> State:
+        """What it takes to go on from here, as arrays."""
+        islands = self._schedule.state
+        keys = sorted(self._leaving)
+        return {
+            "epoch": np.array(self._schedule.complete),
+            "sizes": np.array([len(islands[island].library) for island in sorted(islands)]),
+            "libraries": np.concatenate([islands[island].library for island in sorted(islands)]),
+            "left": np.array([(*key, len(self._leaving[key])) for key in keys]),
+            "leaving": np.concatenate([self._leaving[key] for key in keys]),
+            "totals": np.array(self.totals, np.float64),
+        }
+
+    def _evaluated(self, candidates: Candidates, blocks: Blocks) -> Scores:
+        scores = evaluate_candidates(candidates, self._config)
+        blocks.append((candidates, scores))
+        return scores
+
+
+def _by_generation(blocks: Blocks, record: EpochRecord) -> Iterator[tuple[int, Candidates, npt.NDArray[np.float64]]]:
+    """(generation, candidates, fitness) of what the farm counts: as many of each generation as its statistics say."""
+    scored = iter([block for block in blocks if block[0].wanted == "scores"])
+    for entry in record.statistics:
+        missing = entry.evaluated
+        while missing > 0:
+            candidates, scores = next(scored)
+            count = min(missing, len(candidates.n_maps))
+            missing -= count
+            counted = candidates._replace(genes=candidates.genes[:count], n_maps=candidates.n_maps[:count])
+            yield entry.generation, counted, scores.values[:count, _FITNESS]
+
+
+def _unpacked(state: State) -> dict[int, IslandState]:
+    ends = np.cumsum(state["sizes"])[:-1]
+    epoch = int(state["epoch"])
+    return {island: IslandState(epoch, rows) for island, rows in enumerate(np.split(state["libraries"], ends))}
+
+
+def _unpacked_leaving(state: State) -> dict[tuple[int, int], Designs]:
+    islands, epochs, sizes = state["left"].T
+    parts = np.split(state["leaving"], np.cumsum(sizes)[:-1])
+    return {(int(island), int(epoch)): rows for island, epoch, rows in zip(islands, epochs, parts, strict=True)}
