@@ -24,12 +24,13 @@ class Candidates(NamedTuple):
     Attributes:
         genes: (B, M, K) float64, padded with 0.
         n_maps: (B,) int64.
-        wanted: "scores", or "gap" for that number alone.
+        wanted: "scores"; or "gap" for that number alone; or "printable" for a bound of it: `niches.gap` where it is no
+            more than that, else infinite.
     """
 
     genes: npt.NDArray[np.float64]
     n_maps: npt.NDArray[np.int64]
-    wanted: Literal["scores", "gap"] = "scores"
+    wanted: Literal["scores", "gap", "printable"] = "scores"
 
 
 class Scores(NamedTuple):

@@ -147,13 +147,11 @@ def _generation(
     while True:
         slots = config.offspring or ACCEPTED_BLOCK
         if work.archive is not None:
-            brood, gaps = yield from _printable(work, config, island, generation, block, slots)
+            brood = yield from _printable(work, config, island, generation, block, slots)
         else:
-            brood, gaps = offspring(work.library, config, island, generation, block, slots), None
+            brood = offspring(work.library, config, island, generation, block, slots)
         if len(brood.slots):
             scores = yield from _evaluated(brood)
-            if gaps is not None:
-                scores.values[:, _GAP] = gaps
             scored = _scored(brood, scores, config, island, epoch, generation)
             passed = (scores.refusals == 0) & (scored["fitness"] >= config.elimination)
             count = len(scored)
@@ -179,30 +177,27 @@ def _generation(
 
 def _printable(
     work: _Epoch, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
-) -> Generator[Candidates, Scores, tuple[Brood, npt.NDArray[np.float64] | None]]:
-    """A brood of which every member prints in one piece, with the gaps; slots that find none stay empty."""
+) -> Generator[Candidates, Scores, Brood]:
+    """A brood of which every member prints in one piece; slots that find none stay empty."""
     if not config.niches.gap_attempts:
-        return offspring(work.library, config, island, generation, block, slots), None
+        return offspring(work.library, config, island, generation, block, slots)
     wanted = np.arange(slots)
     found: list[Brood] = []
-    known: list[npt.NDArray[np.float64]] = []
     for again in range(config.niches.gap_attempts):
         brood = offspring(work.library, config, island, generation, block, slots, wanted, again)
         if len(brood.slots):
-            scores = yield Candidates(brood.genes, brood.n_maps, "gap")
-            gaps = scores.values[:, _GAP]
-            good = gaps <= config.niches.gap
+            scores = yield Candidates(brood.genes, brood.n_maps, "printable")
+            good = scores.values[:, _GAP] <= config.niches.gap
             parts: Any = (column[good] for column in brood)
             found.append(Brood(*parts))
-            known.append(gaps[good])
             wanted = np.setdiff1d(wanted, found[-1].slots - block * slots)
         if not len(wanted):
             break
     if not found:
-        return brood, None
+        return brood
     order = np.argsort(np.concatenate([part.slots for part in found]))
     columns: Any = zip(*found, strict=True)
-    return Brood(*(np.concatenate(parts)[order] for parts in columns)), np.concatenate(known)[order]
+    return Brood(*(np.concatenate(parts)[order] for parts in columns))
 
 
 def _enter(

@@ -96,8 +96,8 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     from fractal_farm.fitness import FitnessFormula, evaluate_batch
 
     phenotype = config.phenotype.phenotype()
-    if candidates.wanted == "gap":
-        return _gaps(candidates, phenotype)
+    if candidates.wanted != "scores":
+        return _gaps(candidates, phenotype, config)
     constants = config.fitness
     formula = FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
     result = evaluate_batch(
@@ -113,15 +113,20 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     return Scores(values, result.refusal, result.descriptor)
 
 
-def _gaps(candidates: Candidates, phenotype: Phenotype) -> Scores:
-    """The gaps of a block of genomes, and nothing else."""
-    from fractal_farm.ifs.gap import gap
+def _gaps(candidates: Candidates, phenotype: Phenotype, config: EvolutionConfig) -> Scores:
+    """The gaps of a block of genomes, or bounds of them, and nothing else."""
+    from fractal_farm.ifs.gap import gap, gaps_within
 
-    scores = Scores.unknown(len(candidates.n_maps))
-    scores.values[:, SCORE_FIELDS.index("gap")] = [
-        gap(Genome(genes[:count], phenotype))
+    genomes = [
+        Genome(genes[:count], phenotype)
         for genes, count in zip(candidates.genes, candidates.n_maps.tolist(), strict=True)
     ]
+    scores = Scores.unknown(len(genomes))
+    scores.values[:, SCORE_FIELDS.index("gap")] = (
+        [gap(genome) for genome in genomes]
+        if candidates.wanted == "gap"
+        else np.where(gaps_within(genomes, config.niches.gap), config.niches.gap, np.inf)
+    )
     return scores
 
 
