@@ -2,14 +2,14 @@
 
 An evaluation is a whole one (cloud, D0, D2, LLE), counted as the farm counts it: what the paper's preset evaluates
 beyond its tenth accepted offspring is as if it had never been drawn. Searches for a gap are counted apart. Islands work
-side by side, so that evaluations follow each other by (epoch, generation, island, slot).
+side by side, so that evaluations follow each other by (epoch, generation, island).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,11 +20,9 @@ from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, S
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.schedule import Schedule
-from fractal_farm.farm.work import evaluate_candidates, sample_candidates
+from fractal_farm.farm.work import evaluate_candidates, warm_up
 
-_FITNESS = SCORE_FIELDS.index("fitness")
-_WANTED: tuple[Literal["scores", "gap"], ...] = ("scores", "gap")
-
+_FITNESS, _GAP = SCORE_FIELDS.index("fitness"), SCORE_FIELDS.index("gap")
 State = Mapping[str, npt.NDArray[Any]]
 Blocks = list[tuple[Candidates, Scores]]
 
@@ -34,7 +32,7 @@ class Totals(NamedTuple):
 
     Attributes:
         evaluated: whole evaluations.
-        gap_searches: searches for the gap of a genome.
+        gap_searches: genomes whose gap was searched, to its end or until it was known to be wide or narrow enough.
         cpu_s: processor time, seconds.
         wall_s: time by the clock, seconds.
     """
@@ -81,8 +79,7 @@ class Course:
         for (island, epoch), rows in self._leaving.items():
             self._schedule.remember(island, epoch, rows)
         self.totals = [Totals()] if state is None else [Totals(*row) for row in state["totals"].tolist()]
-        for wanted in _WANTED:
-            evaluate_candidates(sample_candidates(config)._replace(wanted=wanted), config)
+        warm_up(evaluate_candidates, config)
 
     def epoch(self) -> Finds:
         """Take all islands through one epoch; what qualified in it."""
@@ -96,7 +93,7 @@ class Course:
             record = drive(steps, lambda candidates, blocks=blocks: self._evaluated(candidates, blocks))  # type: ignore[misc]
             self._schedule.finish(record)
             self._leaving[island, epoch] = self._schedule.state[island].library[record.emigrants]
-            searches += sum(len(block.n_maps) for block, _ in blocks if block.wanted == "gap")
+            searches += sum(len(block.n_maps) for block, _ in blocks if block.wanted != "scores")
             for generation, candidates, fitness in _by_generation(blocks, record):
                 scored.append((generation, island, candidates, fitness))
         last = self._schedule.complete - self._config.migration.lag
@@ -141,15 +138,22 @@ class Course:
 
 def _by_generation(blocks: Blocks, record: EpochRecord) -> Iterator[tuple[int, Candidates, npt.NDArray[np.float64]]]:
     """(generation, candidates, fitness) of what the farm counts: as many of each generation as its statistics say."""
-    scored = iter([block for block in blocks if block[0].wanted == "scores"])
+    scored = iter([_scored(*block) for block in blocks if block[0].wanted != "gap"])
     for entry in record.statistics:
         missing = entry.evaluated
         while missing > 0:
-            candidates, scores = next(scored)
-            count = min(missing, len(candidates.n_maps))
+            candidates, fitness = next(scored)
+            count = min(missing, len(fitness))
             missing -= count
-            counted = candidates._replace(genes=candidates.genes[:count], n_maps=candidates.n_maps[:count])
-            yield entry.generation, counted, scores.values[:count, _FITNESS]
+            yield entry.generation, Candidates(candidates.genes[:count], candidates.n_maps[:count]), fitness[:count]
+
+
+def _scored(candidates: Candidates, scores: Scores) -> tuple[Candidates, npt.NDArray[np.float64]]:
+    """Those of a block that were evaluated, and their fitness; what does not print was not, where that was asked."""
+    done = (
+        np.isfinite(scores.values[:, _GAP]) if candidates.wanted == "printable" else np.ones(len(scores.values), bool)
+    )
+    return Candidates(candidates.genes[done], candidates.n_maps[done]), scores.values[done, _FITNESS]
 
 
 def _unpacked(state: State) -> dict[int, IslandState]:

@@ -192,7 +192,7 @@ def _method() -> str:
 <li>A run is the farm's own: its islands, schedule, migration and evaluation, in one process, without storage.</li>
 <li>An evaluation is a whole one: a cloud of points, D0, D2, LLE and fitness. Searches for a gap are counted apart. What
 is drawn again because closed forms promise too little costs neither.</li>
-<li>Islands side by side are numbered as if they worked at the same time: by epoch, generation, island and slot.</li>
+<li>Islands side by side are numbered as if they worked at the same time: by epoch, generation and island.</li>
 <li>Every candidate that qualified counts, whether it found a place in a library or not.</li>
 <li>All is measured again after the run. <b>Qualified</b>: fitness above the threshold on another cloud of the same
 genome, which no run has seen, each genome once. <b>Distinct</b>: greedily from the fittest on, signatures of that
