@@ -149,10 +149,8 @@ def _by_generation(blocks: Blocks, record: EpochRecord) -> Iterator[tuple[int, C
 
 
 def _scored(candidates: Candidates, scores: Scores) -> tuple[Candidates, npt.NDArray[np.float64]]:
-    """Those of a block that were evaluated, and their fitness; what does not print was not, where that was asked."""
-    done = (
-        np.isfinite(scores.values[:, _GAP]) if candidates.wanted == "printable" else np.ones(len(scores.values), bool)
-    )
+    """Those of a block that were evaluated, and their fitness; where it was asked, what does not print was not."""
+    done = np.full(len(scores.values), candidates.wanted == "scores") | np.isfinite(scores.values[:, _GAP])
     return Candidates(candidates.genes[done], candidates.n_maps[done]), scores.values[done, _FITNESS]
 
 
