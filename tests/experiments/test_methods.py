@@ -233,7 +233,7 @@ def test_milestones_end_with_the_last_evaluation():
 def results(*crisp, at=20_000, share=0.5):
     """Results of so many seeds that found so much at one milestone."""
     found = {"qualified": 1000, "distinct": 500, "printable": 400}
-    spent = {"gap_searches": 0, "cpu_s": 10.0, "wall_s": 20.0}
+    spent = {"foreseen": 0, "gap_searches": 0, "cpu_s": 10.0, "wall_s": 20.0}
     return [{"milestones": [{"evaluations": at, **found, **spent, "crisp": n, "three_maps": share}]} for n in crisp]
 
 
@@ -276,7 +276,7 @@ def test_factors_multiply_to_the_ratio():
 
 
 def two_entries():
-    spent = {"evaluations": 1000, "gap_searches": 0, "cpu_s": 1.0, "wall_s": 1.0, "three_maps": 0.5}
+    spent = {"evaluations": 1000, "foreseen": 0, "gap_searches": 0, "cpu_s": 1.0, "wall_s": 1.0, "three_maps": 0.5}
     yield {**spent, "qualified": 800, "distinct": 400, "printable": 100, "crisp": 80}
     yield {**spent, "qualified": 400, "distinct": 100, "printable": 50, "crisp": 10}
 

@@ -1,13 +1,15 @@
 """One run in this process, epoch by epoch: the farm's schedule, islands and evaluation, without catalogue or Ray.
 
 An evaluation is a whole one (cloud, D0, D2, LLE), counted as the farm counts it: what the paper's preset evaluates
-beyond its tenth accepted offspring is as if it had never been drawn. Searches for a gap are counted apart. Islands work
-side by side, so that evaluations follow each other by (epoch, generation, island).
+beyond its tenth accepted offspring is as if it had never been drawn. Genomes that closed forms were asked about, and
+searches for a gap, are counted apart. Islands work side by side: evaluations follow each other by (epoch, generation,
+island).
 """
 
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -16,7 +18,7 @@ import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs
-from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, founding_state
+from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, Wanted, founding_state
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.schedule import Schedule
@@ -24,7 +26,8 @@ from fractal_farm.farm.work import evaluate_candidates, warm_up
 
 _FITNESS, _GAP = SCORE_FIELDS.index("fitness"), SCORE_FIELDS.index("gap")
 State = Mapping[str, npt.NDArray[Any]]
-Blocks = list[tuple[Candidates, Scores]]
+Block = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]
+"""Candidates that were evaluated: genes (B, M, K), n_maps (B,) and fitness (B,)."""
 
 
 class Totals(NamedTuple):
@@ -32,12 +35,14 @@ class Totals(NamedTuple):
 
     Attributes:
         evaluated: whole evaluations.
+        foreseen: genomes that closed forms were asked about.
         gap_searches: genomes whose gap was searched, to its end or until it was known to be wide or narrow enough.
         cpu_s: processor time, seconds.
         wall_s: time by the clock, seconds.
     """
 
     evaluated: float = 0
+    foreseen: float = 0
     gap_searches: float = 0
     cpu_s: float = 0.0
     wall_s: float = 0.0
@@ -84,38 +89,28 @@ class Course:
     def epoch(self) -> Finds:
         """Take all islands through one epoch; what qualified in it."""
         began = time.process_time(), time.perf_counter()
-        searches = 0
-        scored: list[tuple[int, int, Candidates, npt.NDArray[np.float64]]] = []
+        asked: Counter[Wanted] = Counter()
+        scored: list[tuple[int, int, Any]] = []
         for island, epoch in self._schedule.ready():
-            blocks: Blocks = []
+            clerk = _Clerk(self._config)
             inbox = self._schedule.start(island, epoch)
-            steps = advance(self._schedule.state[island], inbox, self._config, island, epoch)
-            record = drive(steps, lambda candidates, blocks=blocks: self._evaluated(candidates, blocks))  # type: ignore[misc]
+            record = drive(advance(self._schedule.state[island], inbox, self._config, island, epoch), clerk)
             self._schedule.finish(record)
             self._leaving[island, epoch] = self._schedule.state[island].library[record.emigrants]
-            searches += sum(len(block.n_maps) for block, _ in blocks if block.wanted != "scores")
-            for generation, candidates, fitness in _by_generation(blocks, record):
-                scored.append((generation, island, candidates, fitness))
+            asked += clerk.asked
+            scored += [(generation, island, block) for generation, block in _by_generation(clerk.blocks, record)]
         last = self._schedule.complete - self._config.migration.lag
         self._leaving = {key: rows for key, rows in self._leaving.items() if key[1] > last}
-        spent = time.process_time() - began[0], time.perf_counter() - began[1]
         scored.sort(key=lambda entry: entry[:2])
+        genes, n_maps, fitness = (
+            np.concatenate(parts) for parts in zip(*(block for _, _, block in scored), strict=True)
+        )
         before = self.totals[-1]
-        found = np.concatenate([entry[3] for entry in scored])
-        self.totals.append(
-            Totals(
-                before.evaluated + len(found),
-                before.gap_searches + searches,
-                before.cpu_s + spent[0],
-                before.wall_s + spent[1],
-            )
-        )
-        qualified = np.flatnonzero(found > self._config.qualified)
-        return Finds(
-            qualified + int(before.evaluated),
-            np.concatenate([entry[2].genes for entry in scored])[qualified],
-            np.concatenate([entry[2].n_maps for entry in scored])[qualified],
-        )
+        spent = time.process_time() - began[0], time.perf_counter() - began[1]
+        counts = len(fitness), asked["foreseen"], asked["printable"] + asked["gap"], *spent
+        self.totals.append(Totals(*(old + new for old, new in zip(before, counts, strict=True))))
+        qualified = np.flatnonzero(fitness > self._config.qualified)
+        return Finds(qualified + int(before.evaluated), genes[qualified], n_maps[qualified])
 
     def state(self) -> State:
         """What it takes to go on from here, as arrays."""
@@ -130,28 +125,34 @@ class Course:
             "totals": np.array(self.totals, np.float64),
         }
 
-    def _evaluated(self, candidates: Candidates, blocks: Blocks) -> Scores:
+
+class _Clerk:
+    """Evaluates for an island, and writes down what was asked for and what was evaluated."""
+
+    def __init__(self, config: EvolutionConfig) -> None:
+        self._config = config
+        self.asked: Counter[Wanted] = Counter()
+        self.blocks: list[Block] = []
+
+    def __call__(self, candidates: Candidates) -> Scores:
         scores = evaluate_candidates(candidates, self._config)
-        blocks.append((candidates, scores))
+        self.asked[candidates.wanted] += len(candidates.n_maps)
+        if candidates.wanted in ("scores", "printable"):
+            # Of candidates that were to be printable, only those that are were evaluated.
+            done = np.full(len(scores.values), candidates.wanted == "scores") | np.isfinite(scores.values[:, _GAP])
+            self.blocks.append((candidates.genes[done], candidates.n_maps[done], scores.values[done, _FITNESS]))
         return scores
 
 
-def _by_generation(blocks: Blocks, record: EpochRecord) -> Iterator[tuple[int, Candidates, npt.NDArray[np.float64]]]:
-    """(generation, candidates, fitness) of what the farm counts: as many of each generation as its statistics say."""
-    scored = iter([_scored(*block) for block in blocks if block[0].wanted != "gap"])
+def _by_generation(blocks: list[Block], record: EpochRecord) -> Iterator[tuple[int, Block]]:
+    """(generation, block) of what the farm counts: as many of each generation as its statistics say."""
+    rest = iter(blocks)
     for entry in record.statistics:
         missing = entry.evaluated
         while missing > 0:
-            candidates, fitness = next(scored)
-            count = min(missing, len(fitness))
-            missing -= count
-            yield entry.generation, Candidates(candidates.genes[:count], candidates.n_maps[:count]), fitness[:count]
-
-
-def _scored(candidates: Candidates, scores: Scores) -> tuple[Candidates, npt.NDArray[np.float64]]:
-    """Those of a block that were evaluated, and their fitness; where it was asked, what does not print was not."""
-    done = np.full(len(scores.values), candidates.wanted == "scores") | np.isfinite(scores.values[:, _GAP])
-    return Candidates(candidates.genes[done], candidates.n_maps[done]), scores.values[done, _FITNESS]
+            genes, n_maps, fitness = next(rest)
+            yield entry.generation, (genes[:missing], n_maps[:missing], fitness[:missing])
+            missing -= len(fitness)
 
 
 def _unpacked(state: State) -> dict[int, IslandState]:

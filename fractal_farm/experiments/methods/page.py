@@ -69,7 +69,7 @@ def report_page(report: Report, sheets: Mapping[str, bytes]) -> str:
         section("All distinct designs", _curves(methods, "distinct")),
         "</div>",
         section("Where the difference comes from", _factors(report)),
-        *(section(f"{name}: {SAMPLE} designs that nobody picked", _picture(name, sheets[name])) for name in sheets),
+        *(section(f"{name}: designs that nobody picked", _picture(name, sheets[name])) for name in sheets),
         section("How it was measured", _method()),
         section("What was compared", _configurations(report)),
     ]
@@ -114,13 +114,14 @@ def _costs(report: Report) -> str:
                 _number(last["cpu_s_each"], ".1f", 1000.0),
                 _number(last["wall_s_each"], ".1f", 1000.0),
                 _number(last["cpu_s"], ".1f"),
+                _count(last["foreseen"]),
                 _count(last["gap_searches"]),
             )
         )
-    columns = ("method", "evaluations", "processor ms", "clock ms", "processor s of a run", "gap searches of a run")
+    columns = ("method", "evaluations", "processor ms", "clock ms", "processor s of a run", "foreseen", "gap searches")
     return table(columns, rows) + (
-        '<p class="muted">Of the search alone, with its own searches for gaps; storage and the measuring afterwards '
-        "are left out. The clock counts what else the machine did meanwhile.</p>"
+        '<p class="muted">Of the search alone, with its own closed forms and searches for gaps; storage and the '
+        "measuring afterwards are left out. The clock counts what else the machine did meanwhile.</p>"
     )
 
 
@@ -190,8 +191,9 @@ def _picture(name: str, content: bytes) -> str:
 def _method() -> str:
     return f"""<ul>
 <li>A run is the farm's own: its islands, schedule, migration and evaluation, in one process, without storage.</li>
-<li>An evaluation is a whole one: a cloud of points, D0, D2, LLE and fitness. Searches for a gap are counted apart. What
-is drawn again because closed forms promise too little costs neither.</li>
+<li>An evaluation is a whole one: a cloud of points, D0, D2, LLE and fitness. Searches for a gap, to
+the end or until it is known to be wide or narrow enough, are counted apart, as are genomes of which closed forms were
+asked what they would come out as; the processor time has all of it.</li>
 <li>Islands side by side are numbered as if they worked at the same time: by epoch, generation and island.</li>
 <li>Every candidate that qualified counts, whether it found a place in a library or not.</li>
 <li>All is measured again after the run. <b>Qualified</b>: fitness above the threshold on another cloud of the same

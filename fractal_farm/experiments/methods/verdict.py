@@ -10,7 +10,7 @@ from typing import Any
 from fractal_farm.experiments.methods.presets import PRESETS
 
 FIGURES = ("qualified", "distinct", "printable", "crisp", "three_maps")
-COSTS = ("gap_searches", "cpu_s", "wall_s")
+COSTS = ("foreseen", "gap_searches", "cpu_s", "wall_s")
 EACH = {"evaluations_each": "evaluations", "cpu_s_each": "cpu_s", "wall_s_each": "wall_s"}
 HEADLINE, SHARE = "crisp", "three_maps"
 DEFAULT, PAPER = "niches", "paper"
