@@ -99,8 +99,8 @@ def _found(report: Report) -> str:
         rows.append((name, *cells, *(_times(ratios.get(over)) for over in ("paper", "plain"))))
     plain = report["strongest_plain"]
     columns = ["method", *_WORDS.values(), "times paper", f"times {plain}" if plain else "times a plain GA"]
-    note = "Mean and standard deviation over the seeds, and from the lowest to the highest seed below"
-    return table(columns, rows) + f'<p class="muted">{note}; ratios of means, seed against seed in brackets.</p>'
+    note = "Mean and standard deviation over the seeds, in brackets the lowest and the highest"
+    return table(columns, rows) + f'<p class="muted">{note}; ratios of means, in brackets seed against seed.</p>'
 
 
 def _costs(report: Report) -> str:
