@@ -21,7 +21,7 @@ TABLE = pa.Table.from_pylist(ROWS)
 
 
 def selected(text: str) -> list[str]:
-    names: list[str] = TABLE.filter(filter_expression(text, TABLE.column_names)).column("name").to_pylist()
+    names: list[str] = TABLE.filter(filter_expression(text, TABLE.schema)).column("name").to_pylist()
     return names
 
 
@@ -84,7 +84,7 @@ def test_expressions_mean_what_python_means(
 )
 def test_anything_else_is_refused_in_one_line(text: str, reason: str) -> None:
     with pytest.raises(InputError) as caught:
-        filter_expression(text, TABLE.column_names)
+        filter_expression(text, TABLE.schema)
     assert reason in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -92,7 +92,7 @@ def test_anything_else_is_refused_in_one_line(text: str, reason: str) -> None:
 @given(st.text(max_size=40))
 def test_no_text_breaks_the_parser(text: str) -> None:
     try:
-        filter_expression(text, TABLE.column_names)
+        filter_expression(text, TABLE.schema)
     except InputError as error:
         message = str(error)
     else:

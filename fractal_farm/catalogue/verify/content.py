@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fractal_farm.catalogue.formula import formula_of
 from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.catalogue.rows import design_table, genome_of
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, ORDER_OF_BIRTH
@@ -20,7 +21,6 @@ from fractal_farm.catalogue.shards import SHARD, decoded_slot
 from fractal_farm.catalogue.verify.contents import Contents, Part
 from fractal_farm.catalogue.verify.findings import Finding
 from fractal_farm.catalogue.verify.structure import GROW
-from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.fitness import FitnessFormula, evaluate, shape_descriptor
 from fractal_farm.ifs.gap import gap
@@ -38,7 +38,7 @@ _ELSEWHERE = "nothing; grown on another kind of machine, or with other versions 
 
 def content_findings(contents: Contents) -> Iterator[Finding]:
     """What growing and scoring everything again tells."""
-    formulas = {run_id: _formula(description) for run_id, description in contents.runs.items()}
+    formulas = {run_id: formula_of(description) for run_id, description in contents.runs.items()}
     lineage: dict[str, set[str]] = {}
     parents: dict[str, dict[str, str]] = {}
     births: dict[tuple[Any, ...], tuple[Any, str]] = {}
@@ -108,7 +108,7 @@ def _compared_clouds(
             if isinstance(shard, bytes):
                 points = decoded_slot(shard, row["cloud_row"] % SHARD, row["n_points"])
             told = isinstance(shard, str) or concerned[0] in contents.lost.get(key, ())
-            if not told and (points is None or _checksum(points) != row["cloud_crc32c"]):
+            if not told and (points is None or checksum(points) != row["cloud_crc32c"]):
                 problem = f"row {row['cloud_row']} is not the cloud that the manifest says"
                 yield Finding(key, "cloud", problem, GROW, concerned)
                 continue
@@ -122,7 +122,7 @@ def _grew_alike(row: Mapping[str, Any], cloud: QuantisedCloud) -> bool:
     """Whether a cloud that was grown again is the recorded one, bit for bit."""
     same_box = np.array_equal(cloud.origin, np.array(row["origin"], np.float32))
     same_box = same_box and bool(cloud.scale == np.float32(row["scale"]))
-    return same_box and _checksum(cloud.points) == row["cloud_crc32c"]
+    return same_box and checksum(cloud.points) == row["cloud_crc32c"]
 
 
 def _nearly_alike(row: Mapping[str, Any], points: npt.NDArray[np.uint16], cloud: QuantisedCloud) -> bool:
@@ -137,22 +137,10 @@ def _compared_numbers(
 ) -> Iterator[Finding]:
     if not rows:
         return
-    again = design_table(genomes, {}).select(["n_maps", "maps", "probabilities"]).to_pylist()
-    for genome, row, recomputed in zip(genomes, rows, again, strict=True):
-        if row["similarity_dimension"] is not None:
-            recomputed["similarity_dimension"] = similarity_dimension(genome)
-        if row["gap"] is not None:
-            recomputed["gap"] = gap(genome)
-        if row["descriptor"] is not None:
-            recomputed["descriptor"] = shape_descriptor(attractor_points(genome, row["n_points"])).tolist()
-    if formula is not None:
-        scores = evaluate(genomes, rows[0]["n_points"], formula)
-        for name in _SCORES:
-            for recomputed, value in zip(again, getattr(scores, name).tolist(), strict=True):
-                recomputed[name] = value
-    for name in dict.fromkeys(name for recomputed in again for name in recomputed):
+    again = recomputed(rows, genomes, formula)
+    for name in dict.fromkeys(name for numbers in again for name in numbers):
         pairs = zip(rows, again, strict=True)
-        apart = [_difference(row[name], new[name]) if name in new else 0.0 for row, new in pairs]
+        apart = [difference(row[name], new[name]) if name in new else 0.0 for row, new in pairs]
         worst = int(np.argmax(apart))
         if apart[worst] == 0.0:
             continue
@@ -164,7 +152,33 @@ def _compared_numbers(
         yield Finding(part.key, "row", f"{problem}: {example}", remedy, concerned, damage=damage)
 
 
-def _difference(recorded: Any, recomputed: Any) -> float:
+def recomputed(
+    rows: Sequence[Mapping[str, Any]], genomes: Sequence[Genome], formula: FitnessFormula | None
+) -> list[dict[str, Any]]:
+    """What the genomes of rows give here and now: column -> value, for every number that a row holds.
+
+    Args:
+        rows: of one run, one or more.
+        genomes: theirs.
+        formula: constants of eq 3.7; without them no scores.
+    """
+    again: list[dict[str, Any]] = design_table(genomes, {}).select(["n_maps", "maps", "probabilities"]).to_pylist()
+    for genome, row, numbers in zip(genomes, rows, again, strict=True):
+        if row["similarity_dimension"] is not None:
+            numbers["similarity_dimension"] = similarity_dimension(genome)
+        if row["gap"] is not None:
+            numbers["gap"] = gap(genome)
+        if row["descriptor"] is not None:
+            numbers["descriptor"] = shape_descriptor(attractor_points(genome, row["n_points"])).tolist()
+    if formula is not None:
+        scores = evaluate(genomes, rows[0]["n_points"], formula)
+        for name in _SCORES:
+            for numbers, value in zip(again, getattr(scores, name).tolist(), strict=True):
+                numbers[name] = value
+    return again
+
+
+def difference(recorded: Any, recomputed: Any) -> float:
     """0 for equal numbers or lists of them; infinite for another length, or a number where there is none."""
     first = np.atleast_1d(np.array(recorded, np.float64))
     second = np.atleast_1d(np.array(recomputed, np.float64))
@@ -186,14 +200,6 @@ def _hashable(value: Any) -> Any:
     return "nan" if isinstance(value, float) and math.isnan(value) else value
 
 
-def _formula(description: Mapping[str, Any] | None) -> FitnessFormula | None:
-    """The constants of a run; None where run.json does not tell them."""
-    try:
-        constants = RunConfig.from_dict((description or {})["config"]).evolution.fitness
-    except (FarmError, KeyError, TypeError, ValueError):
-        return None
-    return FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
-
-
-def _checksum(points: npt.NDArray[np.uint16]) -> int:
+def checksum(points: npt.NDArray[np.uint16]) -> int:
+    """CRC32C of quantised points (n, 3), little-endian."""
     return crc32c(points.astype("<u2", copy=False).tobytes())
