@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-SAME_SHAPE = 0.05  # aligned distance below which two clouds show one shape
+SAME_SHAPE = 0.05  # aligned distance below which two clouds cover each other
 
 _INNER = 0.98  # share of the points that centre, size and axes are taken from: few draws reach the outermost pieces
 _TILT = np.deg2rad(22.0)
@@ -35,6 +35,7 @@ _REACH = 2.6  # half its side, radii of the shape
 _SCAN, _ROUGH, _FINE, _MEASURED = 150, 150, 400, 1000  # points of a cloud that are moved at each stage
 _STARTS = 4
 _ROUGH_STEPS, _FINE_STEPS = 6, 10
+_ABOUT = 1.0  # a rough step takes a partner up to twice as far as the nearest
 _FITTED = 0.95  # share of the points, those that are nearest, that a step fits
 
 
@@ -94,9 +95,9 @@ def _posed(points: FloatArray) -> _Posed | None:
 
 def _distance(moving: _Posed, target: _Posed, grid: npt.NDArray[np.float32]) -> float:
     rough = _every(moving.points, _ROUGH)
-    found = [_refined(rough, target, turn, np.zeros(3), _ROUGH_STEPS, False) for turn in _starts(moving.points, grid)]
+    found = [_refined(rough, target, turn, np.zeros(3), _ROUGH_STEPS) for turn in _starts(moving.points, grid)]
     _, turn, shift = min(found, key=lambda candidate: candidate[0])
-    _, turn, shift = _refined(_every(moving.points, _FINE), target, turn, shift, _FINE_STEPS, True)
+    _, turn, shift = _refined(_every(moving.points, _FINE), target, turn, shift, _FINE_STEPS, fine=True)
     there, _ = target.tree.query(_every(moving.points, _MEASURED) @ turn + shift)
     back, _ = moving.tree.query((_every(target.points, _MEASURED) - shift) @ np.linalg.inv(turn))
     return float((there.mean() + back.mean()) / 2.0)
@@ -117,21 +118,23 @@ def _starts(points: FloatArray, grid: npt.NDArray[np.float32]) -> list[FloatArra
 
 
 def _refined(
-    points: FloatArray, target: _Posed, turn: FloatArray, shift: FloatArray, steps: int, scaled: bool
+    points: FloatArray, target: _Posed, turn: FloatArray, shift: FloatArray, steps: int, *, fine: bool = False
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Iterative closest points: the mean distance reached, the (scaled) turn and the shift: p turn + shift."""
+    """Iterative closest points: the mean distance reached, the (if fine, scaled) turn and the shift: p turn + shift."""
+    about = 0.0 if fine else _ABOUT
     count = max(2, int(_FITTED * len(points)))
     for _ in range(steps):
-        distances, partners = target.tree.query(points @ turn + shift)
+        distances, partners = target.tree.query(points @ turn + shift, eps=about)
         near = np.argpartition(distances, min(count, len(points)) - 1)[:count]
         ours, theirs = points[near], target.points[partners[near]]
         middle, centre = ours.mean(axis=0), theirs.mean(axis=0)
         ours = ours - middle
         left, stretches, right = np.linalg.svd(ours.T @ (theirs - centre))
         spread = float(np.square(ours).sum())
-        turn = left @ right * (stretches.sum() / spread if scaled and spread > 0.0 and stretches.sum() > 0.0 else 1.0)
+        scale = stretches.sum() / spread if fine and spread > 0.0 else 1.0
+        turn = left @ right * (scale if scale > 0.0 else 1.0)
         shift = centre - middle @ turn
-    distances, _ = target.tree.query(points @ turn + shift)
+    distances, _ = target.tree.query(points @ turn + shift, eps=about)
     return float(distances.mean()), turn, shift
 
 

@@ -211,8 +211,9 @@ def _store(root: Path, name: str, table: Any) -> None:
     with pa.ipc.new_file(sink, table.schema) as file:
         file.write_table(table, max_chunksize=max(1, table.num_rows))
     content = sink.getvalue()
-    outdated = list((root / INDEX).glob("signatures~*"))
+    path = root / INDEX / f"{name}~{crc32c(content):08x}.arrow"
     with contextlib.suppress(FarmError, OSError):
-        put(root / INDEX / f"{name}~{crc32c(content):08x}.arrow", content, "process")
-        for path in outdated:
-            path.unlink(missing_ok=True)
+        outdated = set((root / INDEX).glob("signatures~*")) - {path}
+        put(path, content, "process")
+        for old in outdated:
+            old.unlink(missing_ok=True)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.catalogue.signatures import SignatureIndex
-from fractal_farm.distinctness import signatures
+from fractal_farm.distinctness import DISTINCT, signatures
 from fractal_farm.errors import InputError
 from fractal_farm.fitness import evaluate
 from fractal_farm.fitness.evaluation import POINTS
@@ -45,8 +45,8 @@ class Similar:
 
     @property
     def same_shape(self) -> bool:
-        """Whether the clouds cover each other, mirror images included."""
-        return self.aligned_distance < SAME_SHAPE
+        """Whether the signatures are not distinct, and the clouds cover each other, mirror images included."""
+        return self.distance < DISTINCT and self.aligned_distance < SAME_SHAPE
 
 
 def similar_to_design(index: SignatureIndex, design_id: str, count: int) -> list[Similar]:

@@ -35,8 +35,8 @@ def similar(
 ) -> None:
     """Find the designs that look like one, mirror images included.
 
-    apart: of the signatures; 1 and more is distinct. aligned: mean distance of the clouds laid upon each other, in
-    radii of the shape; below 0.05 they show one shape.
+    apart: of the signatures, from 1 on they are distinct. aligned: mean distance of the clouds laid upon each other, in
+    radii of the shape. same shape: apart below 1 and aligned below 0.05.
     """
     from fractal_farm.catalogue import Catalogue
     from fractal_farm.catalogue.signatures import open_signatures
@@ -138,6 +138,7 @@ def diff(
 
 def _print_comparison(comparison: Comparison) -> None:
     from fractal_farm.catalogue.comparison import CLOUDS
+    from fractal_farm.distinctness import DISTINCT
     from fractal_farm.likeness import SAME_SHAPE
 
     ids = [row["design_id"] for row in comparison.rows]
@@ -157,16 +158,16 @@ def _print_comparison(comparison: Comparison) -> None:
         ],
     )
     typer.echo()
-    same = "one shape" if comparison.aligned_distance < SAME_SHAPE else "two shapes"
-    distinct = "distinct" if comparison.distance >= 1.0 else "not distinct"
+    same = "they cover each other" if comparison.aligned_distance < SAME_SHAPE else "they do not meet"
+    distinct = "distinct" if comparison.distance >= DISTINCT else "not distinct"
     ancestor = comparison.common_ancestor
     print_facts(
         {
             "signatures apart": f"{comparison.distance:.4f} ({distinct})",
-            "clouds apart": f"{comparison.aligned_distance:.4f} of the radius, laid upon each other ({same})",
+            "clouds apart": f"{comparison.aligned_distance:.4f} radii when laid upon each other ({same})",
             "common ancestor": "none on record"
             if ancestor is None
-            else f"{ancestor[0]}, {ancestor[1]} steps from the first, {ancestor[2]} from the second",
+            else f"{ancestor[0]}, generations back from each: {ancestor[1]} and {ancestor[2]}",
         }
     )
 
