@@ -68,15 +68,16 @@ def operator_yields(lineage: Lineage, gap: float) -> list[OperatorYield]:
         gap: the largest that counts as printable, over the longest side.
     """
     table = lineage.table
-    operators = np.array(pc.fill_null(table.column("operator"), "unknown").to_pylist(), str)
+    encoded = pc.fill_null(table.column("operator"), "unknown").combine_chunks().dictionary_encode()
+    operators, names = encoded.indices.to_numpy(), encoded.dictionary.to_pylist()
     n_maps = table.column("n_maps").to_numpy()
     kept, fitness, printable = _judged(lineage, gap)
     gains = _gains(lineage, fitness)
     fertile = np.diff(lineage.children.starts) > 0
     yields = []
-    for name in np.unique(operators).tolist():
-        for count in np.unique(n_maps[operators == name]).tolist():
-            group = (operators == name) & (n_maps == count)
+    for number, name in enumerate(names):
+        for count in np.unique(n_maps[operators == number]).tolist():
+            group = (operators == number) & (n_maps == count)
             mine = group & kept
             published = int(mine.sum())
             yields.append(

@@ -75,21 +75,20 @@ class Lineage:
         """
         self._root = root
         self.table = table.combine_chunks()
-        ids = id_array(self.table.column("design_id"))
-        self._order = np.argsort(ids, kind="stable")
-        self._ids = ids[self._order]
+        ids = self.table.column("design_id")
         column = self.table.column("parents")
         counts = pc.fill_null(pc.list_value_length(column), 0).to_numpy().astype(np.int64)
-        targets = self._rows_of(id_array(pc.list_flatten(column)))
+        found = pc.index_in(pc.list_flatten(column), value_set=ids.combine_chunks())
+        targets = pc.fill_null(found, -1).to_numpy().astype(np.int64)
         self.parents = Links(np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), targets)
         children = np.repeat(np.arange(len(ids)), counts)
         known = targets >= 0
-        order = np.lexsort((children[known], targets[known]))
+        order = np.argsort(targets[known], kind="stable")
         starts = np.searchsorted(targets[known][order], np.arange(len(ids) + 1))
         self.children = Links(starts.astype(np.int64), children[known][order])
 
     def __len__(self) -> int:
-        return len(self._ids)
+        return int(self.table.num_rows)
 
     def find(self, design_id: str) -> int:
         """Row of a design or ancestor.
@@ -100,7 +99,11 @@ class Lineage:
         Raises:
             InputError: no such row, or several.
         """
-        return int(self._order[find_id(self._ids, design_id, self._root)])
+        alike = pc.starts_with(self.table.column("design_id"), design_id.lower()).to_numpy()
+        places = np.flatnonzero(alike)
+        ids = id_array(self.table.column("design_id").take(pa.array(places)))
+        order = np.argsort(ids)
+        return int(places[order[find_id(ids[order], design_id, self._root)]])
 
     def facts(self, rows: Sequence[int] | IntArray) -> list[dict[str, Any]]:
         """Column -> value of some rows."""
@@ -146,13 +149,6 @@ class Lineage:
             return None
         nearest = shared[np.lexsort((shared, steps[:, shared].max(axis=0), steps[:, shared].sum(axis=0)))[0]]
         return int(nearest), int(steps[0, nearest]), int(steps[1, nearest])
-
-    def _rows_of(self, ids: npt.NDArray[np.bytes_]) -> IntArray:
-        """Rows with these ids, -1 where there is none."""
-        if not len(self._ids):
-            return np.full(len(ids), -1, np.int64)
-        places = np.searchsorted(self._ids, ids).clip(0, len(self._ids) - 1)
-        return np.where(self._ids[places] == ids, self._order[places], -1).astype(np.int64)
 
 
 def read_lineage(catalogue: Catalogue, run_id: str | None = None) -> Lineage:

@@ -14,6 +14,8 @@ from fractal_farm.catalogue.lineage import Lineage, Links, is_kept
 
 Direction = Literal["ancestors", "descendants"]
 
+_SEED = "seed"
+
 
 @dataclass(frozen=True)
 class Relative:
@@ -24,7 +26,8 @@ class Relative:
         level: steps from the design in question, along this line.
         again: it is unfolded elsewhere.
         folded: relatives one step on that are not drawn, because the tree ends here.
-        migrated_from: island of the parent's birth where that is not the child's; None otherwise.
+        migrated_from: island of the parent's birth where that is not the child's; None otherwise, and for seeds, which
+            all islands begin with.
         design_id: 32 hex digits.
     """
 
@@ -57,7 +60,7 @@ class Pedigree:
         for child in self.facts.values():
             for parent in dict.fromkeys(child["parents"] or ()):
                 if parent in drawn:
-                    yield parent, child["design_id"], of_id.get(parent, child)["island"] != child["island"]
+                    yield parent, child["design_id"], _origin(of_id.get(parent, child), child) is not None
 
 
 def pedigree(lineage: Lineage, row: int, direction: Direction, depth: int | None = None) -> Pedigree:
@@ -109,8 +112,13 @@ def _migration(facts: dict[int, Any], current: int, relative: int, direction: Di
     if relative < 0:
         return None
     parent, child = (relative, current) if direction == "ancestors" else (current, relative)
-    home: int = facts[parent]["island"]
-    return home if home != facts[child]["island"] else None
+    return _origin(facts[parent], facts[child])
+
+
+def _origin(parent: dict[str, Any], child: dict[str, Any]) -> int | None:
+    """The island that a parent came from; None if it was at home, as the seeds are on all islands."""
+    home: int = parent["island"]
+    return home if home != child["island"] and parent["operator"] != _SEED else None
 
 
 def summary(found: Pedigree) -> dict[str, int]:

@@ -81,8 +81,8 @@ def _print_tree(family: Pedigree, descendants: bool) -> None:
     facts = summary(family)
     names = "descendants" if descendants else "ancestors"
     say(
-        f"{facts['relatives']} {names} within {facts['steps']} steps, {facts['kept']} of them published, "
-        f"{facts['founders']} without parents; {facts['between_islands']} of {facts['links']} links between islands"
+        f"{names}: {facts['relatives']}, of them published: {facts['kept']}; steps: {facts['steps']}; "
+        f"without parents: {facts['founders']}; links: {facts['links']}, between islands: {facts['between_islands']}"
     )
 
 
@@ -105,7 +105,7 @@ def _text(family: Pedigree, line: Relative, descendants: bool) -> str:
     if line.again:
         words.append("(shown elsewhere)")
     if line.folded:
-        words.append(f"... {line.folded} {'children' if descendants else 'parents'}")
+        words.append(f"... {line.folded} more")
     return "  ".join(words)
 
 

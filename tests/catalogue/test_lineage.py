@@ -107,6 +107,13 @@ def test_a_drawn_family_names_each_line_and_unfolds_each_design_once() -> None:
     assert sorted(bytes.fromhex(line.design_id)[:1].decode() for line in children.lines) == list("abcdde")
 
 
+def test_seeds_are_at_home_on_every_island() -> None:
+    lineage = family(("b", "a"), ("a", ""), island={"b": 2}, operator={"a": "seed"})
+    found = pedigree(lineage, lineage.find(identity("b")), "ancestors")
+    assert [line.migrated_from for line in found.lines] == [None, None]
+    assert [moved for _, _, moved in found.edges()] == [False]
+
+
 def test_chains_of_ten_thousand_generations_and_their_webs_are_walked_without_recursion() -> None:
     length = 10_000
     chain = [(f"{k:05}", f"{k - 1:05}" if k else "") for k in range(length)]
