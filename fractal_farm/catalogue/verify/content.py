@@ -108,7 +108,7 @@ def _compared_clouds(
             if isinstance(shard, bytes):
                 points = decoded_slot(shard, row["cloud_row"] % SHARD, row["n_points"])
             told = isinstance(shard, str) or concerned[0] in contents.lost.get(key, ())
-            if not told and (points is None or checksum(points) != row["cloud_crc32c"]):
+            if not told and (points is None or _checksum(points) != row["cloud_crc32c"]):
                 problem = f"row {row['cloud_row']} is not the cloud that the manifest says"
                 yield Finding(key, "cloud", problem, GROW, concerned)
                 continue
@@ -122,7 +122,7 @@ def _grew_alike(row: Mapping[str, Any], cloud: QuantisedCloud) -> bool:
     """Whether a cloud that was grown again is the recorded one, bit for bit."""
     same_box = np.array_equal(cloud.origin, np.array(row["origin"], np.float32))
     same_box = same_box and bool(cloud.scale == np.float32(row["scale"]))
-    return same_box and checksum(cloud.points) == row["cloud_crc32c"]
+    return same_box and _checksum(cloud.points) == row["cloud_crc32c"]
 
 
 def _nearly_alike(row: Mapping[str, Any], points: npt.NDArray[np.uint16], cloud: QuantisedCloud) -> bool:
@@ -140,7 +140,7 @@ def _compared_numbers(
     again = recomputed(rows, genomes, formula)
     for name in dict.fromkeys(name for numbers in again for name in numbers):
         pairs = zip(rows, again, strict=True)
-        apart = [difference(row[name], new[name]) if name in new else 0.0 for row, new in pairs]
+        apart = [_difference(row[name], new[name]) if name in new else 0.0 for row, new in pairs]
         worst = int(np.argmax(apart))
         if apart[worst] == 0.0:
             continue
@@ -178,7 +178,7 @@ def recomputed(
     return again
 
 
-def difference(recorded: Any, recomputed: Any) -> float:
+def _difference(recorded: Any, recomputed: Any) -> float:
     """0 for equal numbers or lists of them; infinite for another length, or a number where there is none."""
     first = np.atleast_1d(np.array(recorded, np.float64))
     second = np.atleast_1d(np.array(recomputed, np.float64))
@@ -200,6 +200,5 @@ def _hashable(value: Any) -> Any:
     return "nan" if isinstance(value, float) and math.isnan(value) else value
 
 
-def checksum(points: npt.NDArray[np.uint16]) -> int:
-    """CRC32C of quantised points (n, 3), little-endian."""
+def _checksum(points: npt.NDArray[np.uint16]) -> int:
     return crc32c(points.astype("<u2", copy=False).tobytes())

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from fractal_farm.catalogue.clouds import CloudArrays
 from fractal_farm.catalogue.formula import formula_of
+from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.catalogue.reader import Catalogue
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import read_run
-from fractal_farm.catalogue.verify.content import checksum, difference, recomputed
+from fractal_farm.catalogue.verify.content import recomputed
 from fractal_farm.errors import FarmError
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
 from fractal_farm.ifs.random_iteration import GENERATOR_VERSION
@@ -79,13 +81,14 @@ def reproduce(catalogue: Catalogue, design_id: str) -> Reproduction:
         raise FarmError(f"{catalogue.path}: run.json of run {row['run_id']} has no constants of the fitness")
     quantities = _cloud(catalogue, row) if row["cloud_crc32c"] is not None else []
     for name, value in recomputed([row], [genome], formula)[0].items():
-        quantities.append(Quantity(name, row[name], value, difference(row[name], value) == 0.0))
+        same = np.array_equal(np.array(row[name], np.float64), np.array(value, np.float64), equal_nan=True)
+        quantities.append(Quantity(name, row[name], value, same))
     return Reproduction(row["design_id"], row["n_points"] or 0, quantities)
 
 
 def _cloud(catalogue: Catalogue, row: dict[str, Any]) -> list[Quantity]:
     grown = quantised_attractors([genome_of(row)], row["n_points"])[0]
-    sums, origin, scale = checksum(grown.points), grown.origin.tolist(), float(grown.scale)
+    sums, origin, scale = _checksum(grown.points), grown.origin.tolist(), float(grown.scale)
     found = [
         Quantity("cloud_crc32c", row["cloud_crc32c"], sums, row["cloud_crc32c"] == sums),
         Quantity("origin", row["origin"], origin, row["origin"] == origin),
@@ -93,5 +96,9 @@ def _cloud(catalogue: Catalogue, row: dict[str, Any]) -> list[Quantity]:
     ]
     if row["cloud_row"] is not None:
         stored = CloudArrays(catalogue.path).read(row["writer"], row["cloud_array"], np.array([row["cloud_row"]]))[0]
-        found.append(Quantity("stored points", checksum(stored), sums, bool(np.array_equal(stored, grown.points))))
+        found.append(Quantity("stored points", _checksum(stored), sums, bool(np.array_equal(stored, grown.points))))
     return found
+
+
+def _checksum(points: npt.NDArray[np.uint16]) -> int:
+    return crc32c(points.astype("<u2", copy=False).tobytes())
