@@ -23,6 +23,9 @@ from fractal_farm.ifs.random_iteration import attractor_points
 from fractal_farm.likeness import SAME_SHAPE, aligned_distances
 
 
+Cloud = npt.NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class Similar:
     """A design that is like another.
@@ -66,7 +69,8 @@ def similar_to_design(index: SignatureIndex, design_id: str, count: int) -> list
     if not np.isfinite(mark).all():
         raise InputError(f"design {index.design_id(own)} has no descriptor; ask with its genome in a file, --genome")
     found = [place for place in index.nearest(mark, count + 1).tolist() if place != own][:count]
-    return _checked(index, mark, found, _cloud(index.rows([own], GENOME_COLUMNS)[0]))
+    cloud, *clouds = _clouds(index, [own, *found])
+    return _checked(index, mark, found, cloud, clouds)
 
 
 def similar_to_genome(index: SignatureIndex, genome: Genome, count: int) -> list[Similar]:
@@ -80,14 +84,14 @@ def similar_to_genome(index: SignatureIndex, genome: Genome, count: int) -> list
     mark = signatures(scores.descriptor, scores.d0, scores.d2)[0]
     if not np.isfinite(mark).all():
         raise InputError(f"genome {genome.design_id}: its cloud has no shape to compare; give one that contracts")
-    return _checked(index, mark, index.nearest(mark, count).tolist(), attractor_points(genome, POINTS))
+    found = index.nearest(mark, count).tolist()
+    return _checked(index, mark, found, attractor_points(genome, POINTS), _clouds(index, found))
 
 
 def _checked(
-    index: SignatureIndex, mark: npt.ArrayLike, found: Sequence[int], cloud: npt.NDArray[np.float64]
+    index: SignatureIndex, mark: npt.ArrayLike, found: Sequence[int], cloud: Cloud, clouds: Sequence[Cloud]
 ) -> list[Similar]:
     distances = index.distances(mark)
-    clouds = [_cloud(row) for row in index.rows(found, GENOME_COLUMNS)]
     hits = [
         Similar(
             index.design_id(place),
@@ -102,5 +106,5 @@ def _checked(
     return sorted(hits, key=lambda hit: (hit.aligned_distance, hit.design_id))
 
 
-def _cloud(row: dict[str, object]) -> npt.NDArray[np.float64]:
-    return attractor_points(genome_of(row), POINTS)
+def _clouds(index: SignatureIndex, places: Sequence[int]) -> list[Cloud]:
+    return [attractor_points(genome_of(row), POINTS) for row in index.rows(places, GENOME_COLUMNS)]
