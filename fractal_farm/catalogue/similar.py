@@ -22,7 +22,6 @@ from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.random_iteration import attractor_points
 from fractal_farm.likeness import SAME_SHAPE, aligned_distances
 
-
 Cloud = npt.NDArray[np.float64]
 
 
