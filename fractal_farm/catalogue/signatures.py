@@ -24,10 +24,9 @@ from fractal_farm.catalogue.identities import DIGITS, find_id, id_array
 from fractal_farm.catalogue.layout import INDEX, PartName, crc32c
 from fractal_farm.catalogue.parts import list_parts, read_rows
 from fractal_farm.catalogue.schema import DESCRIPTOR_LENGTH, KINDS, ORDER_OF_BIRTH
-from fractal_farm.distinctness import LENGTH, DistinctSet, projection, signatures
+from fractal_farm.distinctness import LENGTH, projection, signatures
 from fractal_farm.errors import FarmError
 
-_SIFTED = 256  # at a time
 _MARKS = tuple(f"mark{axis}" for axis in range(LENGTH))
 _NUMBERS = {"fitness": np.float32, "gap": np.float32, "n_maps": np.int8}
 _FIELDS: list[tuple[str, Any]] = [*((field, np.float32) for field in _MARKS), *_NUMBERS.items(), ("place", np.int32)]
@@ -142,15 +141,6 @@ def row_signatures(table: Any) -> npt.NDArray[np.float64]:
     flat = column.drop_null().flatten().to_numpy(zero_copy_only=False)
     descriptors[column.is_valid().to_numpy(zero_copy_only=False)] = flat.reshape(-1, DESCRIPTOR_LENGTH)
     return signatures(descriptors, table.column("d0").to_numpy(), table.column("d2").to_numpy())
-
-
-def first_of_each_shape(marks: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Which signatures (n, 6) are distinct from all chosen before them, (n,) bool; never one that is not a number."""
-    shapes = DistinctSet(np.zeros((0, LENGTH)))
-    chosen: list[bool] = []
-    for start in range(0, len(marks), _SIFTED):
-        chosen += shapes.sift(marks[start : start + _SIFTED])[1]
-    return np.array(chosen, bool)
 
 
 def _key(parts: Sequence[PartName]) -> str:

@@ -43,7 +43,6 @@ def list_designs(
         str | None,
         typer.Option(help="Columns, with commas between; 'all' for every column.", show_default=False),
     ] = None,
-    distinct: Annotated[bool, typer.Option("--distinct", help="Of designs of one shape, the first alone.")] = False,
     ancestors: Annotated[
         bool, typer.Option("--ancestors", help="Also parents that were not kept themselves (kind: ancestor).")
     ] = False,
@@ -61,8 +60,6 @@ def list_designs(
     if form is Format.PARQUET and output is None and sys.stdout.isatty():
         raise InputError("--format parquet: not for a terminal; give a file with --output")
     table = _selected(Catalogue.open(directory).designs(ancestors=ancestors), where, sort)
-    if distinct:
-        table = _distinct(table)
     total = table.num_rows
     if form is Format.TABLE and limit is None:
         limit = _TABLE_ROWS
@@ -144,14 +141,6 @@ def _selected(table: Any, where: str | None, sort: str) -> Any:
         return table.sort_by(keys)
     except pa.ArrowException:
         raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values") from None
-
-
-def _distinct(table: Any) -> Any:
-    import pyarrow as pa
-
-    from fractal_farm.catalogue.signatures import first_of_each_shape, row_signatures
-
-    return table.filter(pa.array(first_of_each_shape(row_signatures(table))))
 
 
 def _chosen(columns: str | None, form: Format, known: list[str]) -> list[str]:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from fractal_farm.bench.genomes import random_genomes
 from fractal_farm.catalogue import Catalogue, design_table
 from fractal_farm.catalogue.layout import INDEX
-from fractal_farm.catalogue.signatures import first_of_each_shape, open_signatures
+from fractal_farm.catalogue.signatures import open_signatures
 from fractal_farm.catalogue.similar import similar_to_design, similar_to_genome
 from fractal_farm.distinctness import DISTINCT, signatures
 from fractal_farm.errors import InputError
@@ -82,21 +82,6 @@ def test_a_genome_that_the_catalogue_holds_finds_itself(planted: tuple[Path, lis
     assert [hit.design_id for hit in hits[:2]] == [good[3].design_id, copies[3].design_id]
     assert hits[0].distance == 0.0
     assert hits[0].aligned_distance == pytest.approx(0.0, abs=1e-9)
-
-
-def test_copies_have_one_shape_and_others_have_not(planted: tuple[Path, list[Genome], list[Genome]]) -> None:
-    root, good, copies = planted
-    index = open_signatures(root)
-    order = [index.find(genome.design_id) for genome in good + copies]
-    chosen = first_of_each_shape(index.marks[:, order].T.astype(np.float64))
-    assert not chosen[len(good) :].any()
-    marks = index.marks[:, order].T[: len(good)]
-    apart = np.linalg.norm(marks[:, None] - marks[None], axis=2)
-    expected: list[int] = []
-    for place in range(len(good)):
-        if all(apart[place, other] >= DISTINCT for other in expected):
-            expected.append(place)
-    assert np.flatnonzero(chosen).tolist() == expected
 
 
 def manifest_marks(root: Path) -> dict[str, np.ndarray]:
