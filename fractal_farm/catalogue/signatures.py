@@ -126,7 +126,8 @@ def open_signatures(root: Path) -> SignatureIndex:
     table = _stored(root, name)
     if table is None:
         table = _built(root, parts)
-        _store(root, name, table)
+        if table.num_rows:
+            _store(root, name, table)
     columns = {field: table.column(field).chunk(0) for field in table.column_names}
     arrays = {field: column.to_numpy(zero_copy_only=True) for field, column in columns.items() if field != "design_id"}
     ids = np.frombuffer(columns["design_id"].buffers()[1], f"S{DIGITS}", table.num_rows)

@@ -146,6 +146,7 @@ def test_the_nearest_are_what_brute_force_finds_and_designs_without_descriptor_a
 
 
 def test_an_empty_catalogue_has_nothing_similar(root: Path) -> None:
+    open_signatures(root)
     index = open_signatures(root)
     assert len(index) == 0
     assert index.nearest(np.zeros(6), 3).tolist() == []
