@@ -123,6 +123,7 @@ class _Journey:
     def documents(self, stage: Stage, chosen: set[str] | None = None) -> None:
         """The files of a stage, each checked by what vouches for it."""
         keys = [key for key in self._listing if stage_of(key) is stage and key not in _ENTERED_APART]
+        keys.sort(key=lambda key: (not key.endswith(ROOT), key))  # what makes it a catalogue comes first
         if chosen is not None:
             keys = [key for key in keys if key in chosen]
         for key, content in self._arriving([key for key in keys if not self._is_here(key, stage)]):

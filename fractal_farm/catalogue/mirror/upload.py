@@ -18,7 +18,6 @@ from fractal_farm.catalogue.parts import Footer, read_footer
 from fractal_farm.errors import FarmError
 
 _AT_ONCE = 4
-_WINDOW_FILES = 64
 _CHANGING_SECONDS = 300.0
 _CHANGING = (Stage.PICTURE, Stage.LOG)
 _SHEET = "catalogue.png"
@@ -48,7 +47,7 @@ class Uploader:
         Args:
             root: the catalogue; a farm may be writing to it.
             store: where its mirror is.
-            hold: called between uploads; it raises if they must end.
+            hold: called at least once in a pass, and between uploads; it raises if they must end.
 
         Raises:
             InputError: the bucket or the credentials will not do.
@@ -76,6 +75,7 @@ class Uploader:
             FarmError: a file of the catalogue is damaged (what may come before it is up), the store did not answer, or
                 what `hold` raised.
         """
+        self._hold()
         everything = everything or time.monotonic() >= self._changing_due
         groups = [group for group in self._lacking(everything) if group]
         files = sum(map(len, groups))
@@ -128,24 +128,18 @@ class Uploader:
         return changed
 
     def _commits(self, files: Sequence[LocalFile]) -> Iterator[Sequence[_Upload]]:
-        """The commits that the mirror lacks, in order of their epochs: some's clouds, then their parts one by one."""
+        """The commits that the mirror lacks, in order of their epochs: the clouds of each, then its part."""
         lacking = {name: file for file in files if self._there.get(file.key) != file.size and (name := _name(file))}
         mended = mended_files(self._root)
-        clouds: list[_Upload] = []
-        parts: list[_Upload] = []
         for name in self._in_order_of_epochs(lacking):
+            clouds = []
             for key, facts in self._footers[name].files.items():
                 accepted = mended.get(key, frozenset()) | {facts}
                 if self._there.get(key) not in {size for size, _ in accepted}:
                     clouds.append(_Upload(key, facts[0], None, accepted))
             key, size = lacking[name].key, lacking[name].size
-            parts.append(_Upload(key, size, None, frozenset({(size, name.checksum)})))
-            if len(clouds) + len(parts) >= _WINDOW_FILES:
-                yield clouds
-                yield from ([part] for part in parts)
-                clouds, parts = [], []
-        yield clouds
-        yield from ([part] for part in parts)
+            yield clouds
+            yield [_Upload(key, size, None, frozenset({(size, name.checksum)}))]
 
     def _in_order_of_epochs(self, names: Iterable[PartName]) -> list[PartName]:
         self._footers = {name: self._footers.get(name) or read_footer(self._root, name) for name in names}
