@@ -14,7 +14,7 @@ from fractal_farm.cli.output import AsJson, byte_count, print_facts, print_json,
 from fractal_farm.errors import FarmError
 
 if TYPE_CHECKING:
-    from fractal_farm.catalogue.mirror import Backlog, Fetched
+    from fractal_farm.catalogue.mirror import Fetched
 
 UrlArgument = Annotated[str, typer.Argument(metavar="URL", help="s3://bucket/prefix; the AWS_* variables say who.")]
 _TELL_SECONDS = 5.0
@@ -27,7 +27,7 @@ def mirror(directory: DirectoryArgument, url: UrlArgument, as_json: AsJson = Fal
     A run with catalogue.mirror does so by itself. What was interrupted is simply started again.
     """
     from fractal_farm.catalogue import Catalogue
-    from fractal_farm.catalogue.mirror import kept
+    from fractal_farm.catalogue.mirror import Backlog, kept, read_state, write_state
 
     catalogue = Catalogue.open(directory)
     told = _now_and_then()
@@ -37,6 +37,9 @@ def mirror(directory: DirectoryArgument, url: UrlArgument, as_json: AsJson = Fal
 
     with kept(catalogue.path, url, "farm mirror", lambda cause, remedy: say(f"{cause}; {remedy}")) as uploader:
         uploader.catch_up(tell, everything=True)
+    state = read_state(directory)
+    if state is not None and state["url"] == url:  # the run's own mirror
+        write_state(directory, url, Backlog(0, 0))
     _print(directory, url, uploader.arrived, uploader.arrived_bytes, as_json)
 
 

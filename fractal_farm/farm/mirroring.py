@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fractal_farm.catalogue.mirror import (
+    MIRROR_STATE,
     Backlog,
     LeaseLostError,
     StoreError,
@@ -74,6 +75,7 @@ def mirroring(config: RunConfig, root: Path, announce: Callable[[Event], None]) 
     """
     url = config.catalogue.mirror
     if url is None:
+        (root / MIRROR_STATE).unlink(missing_ok=True)  # of an earlier session
         yield None
         return
     mirror = Mirroring(root, url, f"run {config.name} ({config.run_id})", announce)

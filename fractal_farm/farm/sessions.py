@@ -11,14 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from fractal_farm.catalogue import (
-    Catalogue,
-    create_run,
-    record_end,
-    remove_orphans,
-    run_ids,
-    run_lock,
-)
+from fractal_farm.catalogue import Catalogue, create_run, record_end, remove_orphans, run_ids, run_lock
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError, StorageFullError
@@ -66,9 +59,9 @@ class RunSummary:
 
     def as_dict(self) -> dict[str, Any]:
         """Ready for JSON: run_id, name, path, sheet, mirror, the fields of `RunEnded`, `Progress` under "progress"."""
-        places: dict[str, Any] = {"path": str(self.path), "sheet": str(self.sheet) if self.sheet else None}
-        places["mirror"] = asdict(self.mirror) if self.mirror else None
-        return {"run_id": self.run_id, "name": self.name, **places, **asdict(self.ended)}
+        places = {"path": str(self.path), "sheet": self.sheet and str(self.sheet)}
+        about = {"run_id": self.run_id, "name": self.name, **places, "mirror": self.mirror and asdict(self.mirror)}
+        return about | asdict(self.ended)
 
 
 def submit(
@@ -179,13 +172,13 @@ def _session(config: RunConfig, root: Path, workers: Workforce, callbacks: Seque
         stack.callback(log.close)
         hearers = [log, *workers.callbacks, *callbacks]
         mirror = stack.enter_context(mirroring(config, root, Announcer(hearers)))
-        announce = Announcer(hearers if mirror is None else [*hearers, mirror])
+        announce = Announcer([*hearers, *filter(None, [mirror])])
         interrupted = stack.enter_context(interrupts())
         losses, epochs = 0, -1
         while True:
             try:
                 summary = _stretch(config, root, workers, announce, interrupted)
-                return summary if mirror is None else replace(summary, mirror=mirror.finish())
+                return replace(summary, mirror=mirror.finish() if mirror else None)
             except ClusterLostError as lost:
                 where = f"go on from the last commit with `farm resume {root}`"
                 so_far = last_epoch(root, run_id)

@@ -122,6 +122,7 @@ def test_a_mirror_that_stays_silent_is_left_behind_and_caught_up_by_hand(
     # The dead run's lease is of this directory: nobody waits for it.
     assert main(["mirror", str(tmp_path / "run"), object_store.url, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["files"] >= end.mirror.files
+    assert farm.status(tmp_path / "run")["mirror"]["files"] == 0
     bring(object_store, tmp_path / "back")
     assert sound(tmp_path / "back").digest == whole
 
