@@ -116,14 +116,17 @@ class Killed(BaseException):
 
 
 def fail_after(monkeypatch, name, calls):
-    """Let a method of the store work so many times, and then never again."""
+    """Let so many objects go up (put_all) or come down (get_all), one by one, and then die."""
     method, left = getattr(Store, name), [calls]
 
-    def works_for_a_while(self, key, *rest):
-        left[0] -= 1
-        if left[0] < 0:
-            raise Killed
-        return method(self, key, *rest)
+    def works_for_a_while(self, objects):
+        results = []
+        for key in objects:
+            left[0] -= 1
+            if left[0] < 0:
+                raise Killed
+            results += method(self, {key: objects[key]} if name == "put_all" else [key]) or []
+        return results or None
 
     monkeypatch.setattr(Store, name, works_for_a_while)
 
@@ -134,7 +137,7 @@ def test_a_mirror_is_sound_after_every_single_upload(grown, object_store, tmp_pa
     for puts in range(9, 100, step):  # identity, lease and what makes it a catalogue go first
         url, back = f"{object_store.url}/{puts}", tmp_path / str(puts)
         with monkeypatch.context() as patch, suppress(Killed):
-            fail_after(patch, "put", puts)
+            fail_after(patch, "put_all", puts)
             mirror(grown, url)
             break
         bring(url, back)
@@ -151,7 +154,7 @@ def test_a_mirror_is_sound_after_every_single_upload(grown, object_store, tmp_pa
 def test_before_there_is_a_catalogue_nothing_is_fetched(grown, object_store, tmp_path, monkeypatch):
     for puts in range(3):
         with monkeypatch.context() as patch, suppress(Killed):
-            fail_after(patch, "put", puts)
+            fail_after(patch, "put_all", puts)
             mirror(grown, object_store.url)
         with pytest.raises(InputError, match="no catalogue is mirrored there"):
             bring(object_store.url, tmp_path / "back")
@@ -164,7 +167,7 @@ def test_a_fetch_that_was_interrupted_is_sound_and_goes_on(grown, object_store, 
     back = tmp_path / "back"
     for gets in range(4, 100, step):
         with monkeypatch.context() as patch, suppress(Killed):
-            fail_after(patch, "get", gets)
+            fail_after(patch, "get_all", gets)
             bring(object_store.url, back)
             break
         if (back / f"{CLOUDS}/zarr.json").exists():

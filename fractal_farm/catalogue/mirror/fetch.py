@@ -10,7 +10,6 @@ import contextlib
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -202,10 +201,9 @@ class _Journey:
 
     def _arriving(self, keys: list[str]) -> Iterator[tuple[str, bytes | None]]:
         """Objects as they arrive, in order; a few at a time."""
-        with ThreadPoolExecutor(_AT_ONCE, "fetch") as hands:
-            for start in range(0, len(keys), _AT_ONCE):
-                few = keys[start : start + _AT_ONCE]
-                yield from zip(few, hands.map(self._store.get, few), strict=True)
+        for start in range(0, len(keys), _AT_ONCE):
+            few = keys[start : start + _AT_ONCE]
+            yield from zip(few, self._store.get_all(few), strict=True)
 
     def _keep(self, files: Mapping[str, bytes]) -> None:
         if files:

@@ -6,13 +6,14 @@ the server checks against the signed SHA-256 of the request; so an object is who
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fractal_farm.config import MIRROR_URL
 from fractal_farm.errors import FarmError, InputError
@@ -26,6 +27,7 @@ _RETRY: RetryConfig = {
     "backoff": {"init_backoff": timedelta(milliseconds=100), "max_backoff": timedelta(seconds=2), "base": 2},
 }
 _REQUEST_TIMEOUT = "60s"
+_T = TypeVar("_T")
 _KEY = re.compile(r"[0-9A-Za-z_][0-9A-Za-z_.~-]*(/[0-9A-Za-z_][0-9A-Za-z_.~-]*)*")
 _KEYS = "set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
 _CLUES = (
@@ -61,7 +63,7 @@ class ObjectFacts:
 
 
 class Store:
-    """The objects below one URL, s3://bucket/prefix; safe to use from several threads."""
+    """The objects below one URL, s3://bucket/prefix."""
 
     def __init__(self, url: str) -> None:
         """Nothing is asked of the server yet.
@@ -86,38 +88,53 @@ class Store:
             raise InputError(f"{url}: {_first_line(error)}; look at the AWS_* variables") from None
 
     def put(self, key: str, content: bytes) -> None:
-        """Store an object as a whole; it replaces one that was there.
+        """Store an object; see `put_all`."""
+        self.put_all({key: content})
+
+    def put_all(self, objects: Mapping[str, bytes]) -> None:
+        """Store objects at the same time, each as a whole; they replace those that were there.
 
         Raises:
             InputError: the bucket or the credentials will not do.
-            StoreError: the store did not answer, or did not do it.
+            StoreError: the store did not answer, or did not do it; some objects may be stored all the same.
         """
         import obstore
 
-        with self._explained(f"{self.url}/{key}"):
-            obstore.put(self._store, key, content, use_multipart=False)
+        async def stored(key: str, content: bytes) -> None:
+            with self._explained(f"{self.url}/{key}"):
+                await obstore.put_async(self._store, key, content, use_multipart=False)
+
+        _together(stored(key, content) for key, content in objects.items())
 
     def get(self, key: str) -> bytes | None:
-        """The content of an object, None if there is none; see `put` for what is raised."""
+        """The content of an object, None if there is none; see `put_all` for what is raised."""
+        return self.get_all([key])[0]
+
+    def get_all(self, keys: Sequence[str]) -> list[bytes | None]:
+        """The contents of objects, fetched at the same time; see `get`."""
         import obstore
 
-        with self._explained(f"{self.url}/{key}"):
-            try:
-                return bytes(obstore.get(self._store, key).bytes())
-            except FileNotFoundError as error:
-                if "NoSuchBucket" in str(error):
-                    raise
-                return None
+        async def content_of(key: str) -> bytes | None:
+            with self._explained(f"{self.url}/{key}"):
+                try:
+                    found = await obstore.get_async(self._store, key)
+                except FileNotFoundError as error:
+                    if "NoSuchBucket" in str(error):
+                        raise
+                    return None
+                return bytes(await found.bytes_async())
+
+        return _together(content_of(key) for key in keys)
 
     def delete(self, key: str) -> None:
-        """Remove an object, if it is there; see `put` for what is raised."""
+        """Remove an object, if it is there; see `put_all` for what is raised."""
         import obstore
 
         with self._explained(f"{self.url}/{key}"):
             obstore.delete(self._store, key)
 
     def listing(self, folder: str | None = None) -> dict[str, ObjectFacts]:
-        """The objects below a folder, or all; keys that the farm would not give are left out. See `put` for errors."""
+        """The objects below a folder, or all; strange keys are left out. See `put_all` for what is raised."""
         import obstore
 
         found = {}
@@ -130,7 +147,7 @@ class Store:
         return found
 
     def is_empty(self) -> bool:
-        """Whether nothing at all lies there; see `put` for what is raised."""
+        """Whether nothing at all lies there; see `put_all` for what is raised."""
         import obstore
 
         with self._explained(self.url):
@@ -151,6 +168,20 @@ class Store:
             if "error sending request" in text:
                 raise StoreError(f"{self.url}: {endpoint} does not answer") from None
             raise StoreError(f"{where}: {_first_line(error)}") from None
+
+
+def _together(works: Iterable[Coroutine[Any, Any, _T]]) -> list[_T]:
+    """The results of works that wait at the same time, or the first error once all have ended."""
+
+    async def gathered() -> list[_T | BaseException]:
+        return await asyncio.gather(*works, return_exceptions=True)
+
+    results = []
+    for result in asyncio.run(gathered()):
+        if isinstance(result, BaseException):
+            raise result
+        results.append(result)
+    return results
 
 
 def _first_line(error: Exception) -> str:

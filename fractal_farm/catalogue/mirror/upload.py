@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,15 +80,14 @@ class Uploader:
         files = sum(map(len, groups))
         size = sum(upload.size for group in groups for upload in group)
         tell(Backlog(files, size))
-        with ThreadPoolExecutor(_AT_ONCE, "mirror") as hands:
-            for group in groups:
-                for start in range(0, len(group), _AT_ONCE):
-                    self._hold()
-                    few = group[start : start + _AT_ONCE]
-                    list(hands.map(self._put, few))
-                    files -= len(few)
-                    size -= sum(upload.size for upload in few)
-                    tell(Backlog(files, size))
+        for group in groups:
+            for start in range(0, len(group), _AT_ONCE):
+                self._hold()
+                few = group[start : start + _AT_ONCE]
+                self._put(few)
+                files -= len(few)
+                size -= sum(upload.size for upload in few)
+                tell(Backlog(files, size))
         if everything:
             self._changing_due = time.monotonic() + _CHANGING_SECONDS
         self._remove_old_snapshots()
@@ -148,25 +146,32 @@ class Uploader:
             key=lambda name: (name.writer.partition("-")[0], self._footers[name].epochs, name.seq, name.writer),
         )
 
-    def _put(self, upload: _Upload) -> None:
+    def _put(self, uploads: Sequence[_Upload]) -> None:
+        contents = {upload.key: content for upload in uploads if (content := self._content(upload)) is not None}
+        self._store.put_all(contents)
+        for upload in uploads:
+            if upload.key in contents:
+                self._there[upload.key] = len(contents[upload.key])
+                self._etags.pop(upload.key, None)
+                if upload.stamp is not None:
+                    self._stamps[upload.key] = upload.stamp
+        self.arrived += len(contents)
+        self.arrived_bytes += sum(map(len, contents.values()))
+
+    def _content(self, upload: _Upload) -> bytes | None:
+        """What is to go up, if it is as it should be; None if it is gone and nobody needs it."""
         try:
             content = (self._root / upload.key).read_bytes()
         except FileNotFoundError:
             if upload.accepted is None:
-                return  # an older snapshot, or a solid that is being made again
+                return None  # an older snapshot, or a solid that is being made again
             content = b""
         if upload.accepted is not None and (len(content), crc32c(content)) not in upload.accepted:
             raise FarmError(
                 f"{self._root / upload.key}: missing or damaged, so it is not mirrored; `farm verify {self._root} "
                 "--repair`"
             )
-        self._store.put(upload.key, content)
-        self._there[upload.key] = len(content)
-        self._etags.pop(upload.key, None)
-        if upload.stamp is not None:
-            self._stamps[upload.key] = upload.stamp
-        self.arrived += 1
-        self.arrived_bytes += len(content)
+        return content
 
     def _remove_old_snapshots(self) -> None:
         for key in [key for key in self._there if key.startswith(f"{SNAPSHOTS}/")]:
