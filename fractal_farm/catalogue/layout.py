@@ -35,6 +35,7 @@ MENDINGS = "manifest/mendings"
 SNAPSHOTS = "snapshots"
 SOLIDS = "solids"
 IDENTITY = "identity.json"
+INDEX = "index"
 QUARANTINE = "quarantine"
 
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")

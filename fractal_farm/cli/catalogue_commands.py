@@ -14,6 +14,8 @@ from fractal_farm.errors import InputError
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
 
+DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
+
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
 _TABLE_ROWS = 20
 
@@ -41,6 +43,9 @@ def list_designs(
         str | None,
         typer.Option(help="Columns, with commas between; 'all' for every column.", show_default=False),
     ] = None,
+    ancestors: Annotated[
+        bool, typer.Option("--ancestors", help="Also parents that were not kept themselves (kind: ancestor).")
+    ] = False,
     form: Annotated[Format, typer.Option("--format", help="How to write them.")] = Format.TABLE,
     output: Annotated[
         Path | None,
@@ -54,7 +59,7 @@ def list_designs(
     form = Format.JSON if as_json else form
     if form is Format.PARQUET and output is None and sys.stdout.isatty():
         raise InputError("--format parquet: not for a terminal; give a file with --output")
-    table = _selected(Catalogue.open(directory).designs(), where, sort)
+    table = _selected(Catalogue.open(directory).designs(ancestors=ancestors), where, sort)
     total = table.num_rows
     if form is Format.TABLE and limit is None:
         limit = _TABLE_ROWS
@@ -71,7 +76,7 @@ def list_designs(
 
 def show(
     directory: DirectoryArgument,
-    design: Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")],
+    design: DesignArgument,
     as_json: AsJson = False,
 ) -> None:
     """Show one design: genome, scores, lineage, files."""
@@ -120,7 +125,7 @@ def _selected(table: Any, where: str | None, sort: str) -> Any:
     from fractal_farm.cli.where import filter_expression
 
     if where is not None:
-        expression = filter_expression(where, table.column_names)
+        expression = filter_expression(where, table.schema)
         try:
             table = table.filter(expression)
         except (pa.ArrowException, TypeError) as error:

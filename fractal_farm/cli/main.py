@@ -21,6 +21,8 @@ from fractal_farm.cli import (
     design_commands,
     doctor,
     jobs,
+    likeness_commands,
+    lineage,
     mirror,
     run_commands,
     status,
@@ -45,12 +47,17 @@ app.command("report")(status.report)
 app.add_typer(jobs.app, name="jobs")
 app.command("list")(catalogue_commands.list_designs)
 app.command("show")(catalogue_commands.show)
+app.command("similar")(likeness_commands.similar)
+app.command("prototypes")(likeness_commands.prototypes)
+app.command("diff")(likeness_commands.diff)
+app.command("lineage")(lineage.lineage)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
 app.command("verify")(verify.verify)
 app.command("mirror")(mirror.mirror)
 app.command("fetch")(mirror.fetch)
+app.command("reproduce")(verify.reproduce)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from fractal_farm.catalogue.documents import SEALED_PAGE, is_sealed_page, opened_document, read_document
 from fractal_farm.catalogue.durable import put, put_all, put_directory
-from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, IDENTITY, RUNS, PartName, crc32c, part_name
+from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, IDENTITY, INDEX, RUNS, PartName, crc32c, part_name
 from fractal_farm.catalogue.mirror.keeping import LEASE, WRITE_TEST
 from fractal_farm.catalogue.mirror.sequence import Stage, stage_of
 from fractal_farm.catalogue.mirror.store import ObjectFacts, Store
@@ -29,7 +29,7 @@ from fractal_farm.catalogue.verify.contents import named_checksum, own_cloud_fil
 from fractal_farm.errors import InputError
 
 _AT_ONCE = 8
-_STAGED = "index/fetched"
+_STAGED = f"{INDEX}/fetched"
 _ENTERED_APART = (IDENTITY, LEASE, WRITE_TEST)
 
 

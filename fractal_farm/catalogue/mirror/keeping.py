@@ -21,7 +21,7 @@ from pathlib import Path
 
 from fractal_farm.catalogue.documents import encoded_document, opened_document, read_document
 from fractal_farm.catalogue.durable import make_directory, put
-from fractal_farm.catalogue.layout import IDENTITY
+from fractal_farm.catalogue.layout import IDENTITY, INDEX
 from fractal_farm.catalogue.mirror.store import Store
 from fractal_farm.catalogue.mirror.upload import Uploader
 from fractal_farm.errors import FarmError, InputError
@@ -30,7 +30,7 @@ LEASE = "lease.json"
 LEASE_SECONDS = 90.0
 _RENEW_SECONDS = 20.0
 _LOOK_SECONDS = 3.0
-_LOCK = "index/mirror.lock"
+_LOCK = f"{INDEX}/mirror.lock"
 WRITE_TEST = "write-test"
 _ANOTHER = "holds another catalogue; choose another prefix, or get that one with `farm fetch`"
 

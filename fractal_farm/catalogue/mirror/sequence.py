@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fractal_farm.catalogue.durable import PARTIAL
-from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, RUNS, SNAPSHOTS, SOLIDS
+from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, INDEX, QUARANTINE, RUNS, SNAPSHOTS, SOLIDS
 from fractal_farm.catalogue.shards import ROOT
 from fractal_farm.catalogue.solids import CHECKSUMS
 
 _ENDS = re.compile(rf"{RUNS}/[^/]+/final~[^/]+")
-_HERE_ALONE = ("index", "cache", "quarantine")
+_HERE_ALONE = (INDEX, "cache", QUARANTINE)
 _ENTERED_APART = ("logs", SOLIDS, SNAPSHOTS, "manifest", RUNS, CLOUDS, *_HERE_ALONE)
 
 

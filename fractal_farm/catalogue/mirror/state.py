@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from fractal_farm.catalogue.durable import put
+from fractal_farm.catalogue.layout import INDEX
 
-MIRROR_STATE = "index/mirror.json"
+MIRROR_STATE = f"{INDEX}/mirror.json"
 
 
 @dataclass(frozen=True)
