@@ -23,6 +23,7 @@ from fractal_farm.cli import (
     jobs,
     likeness_commands,
     lineage,
+    mirror,
     run_commands,
     status,
     verify,
@@ -54,6 +55,8 @@ app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
 app.command("verify")(verify.verify)
+app.command("mirror")(mirror.mirror)
+app.command("fetch")(mirror.fetch)
 app.command("reproduce")(verify.reproduce)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)

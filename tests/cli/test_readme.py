@@ -50,7 +50,12 @@ def commands() -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "command", [command for command in commands() if command.split()[1] not in ("resume", "stop", "bench", "jobs")]
+    "command",
+    [
+        command
+        for command in commands()
+        if command.split()[1] not in ("resume", "stop", "bench", "jobs", "mirror", "fetch")
+    ],
 )
 def test_a_command_runs(clone: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
     monkeypatch.chdir(clone)
@@ -63,7 +68,7 @@ def test_every_command_is_named() -> None:
     named = {command.split()[1] for command in commands()} | {"submit"}
     assert named == {
         *("submit", "resume", "stop", "status", "report", "verify", "list", "show", "score", "render", "mesh"),
-        *("doctor", "bench", "jobs", "similar", "lineage", "prototypes", "diff", "reproduce"),
+        *("mirror", "fetch", "doctor", "bench", "jobs", "similar", "lineage", "prototypes", "diff", "reproduce"),
     }
 
 
