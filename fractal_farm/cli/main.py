@@ -15,7 +15,17 @@ from typing import Annotated
 import typer
 
 from fractal_farm import __version__
-from fractal_farm.cli import bench, catalogue_commands, design_commands, doctor, jobs, run_commands, status, verify
+from fractal_farm.cli import (
+    bench,
+    catalogue_commands,
+    design_commands,
+    doctor,
+    hand_commands,
+    jobs,
+    run_commands,
+    status,
+    verify,
+)
 from fractal_farm.errors import FarmError, InputError
 
 app = typer.Typer(
@@ -38,6 +48,7 @@ app.command("show")(catalogue_commands.show)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
+app.command("rate")(hand_commands.rate)
 app.command("verify")(verify.verify)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
