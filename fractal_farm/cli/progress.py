@@ -22,6 +22,7 @@ from fractal_farm.farm.events import (
     Progress,
     RunEnded,
     RunStarted,
+    Steered,
 )
 
 _LIMITS = (
@@ -90,6 +91,8 @@ class RunView:
         elif isinstance(event, Draining):
             self.ending = "ending"
             return f"ending: {event.reason}; committing what is complete"
+        elif isinstance(event, Steered):
+            return f"steered: epochs {event.first} to {event.last} breed from {len(event.design_ids)} chosen designs"
         elif isinstance(event, Fault):
             return f"{event.where}: {event.cause}; {event.remedy}"
         elif isinstance(event, RunEnded):

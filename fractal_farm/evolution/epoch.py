@@ -17,6 +17,9 @@ from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, design_dtype
 from fractal_farm.evolution.offspring import max_maps
 from fractal_farm.ifs.genome import ROW_LENGTH
 
+STEERED = -1
+"""In an inbox, the source of designs that somebody chose: only genes, identity and birth place are filled in."""
+
 
 class Candidates(NamedTuple):
     """Genomes to evaluate.

@@ -7,7 +7,6 @@ Whoever drives it decides where candidates are evaluated; nothing that is decide
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.archive import Archive, parent_weights
+from fractal_farm.evolution.arrivals import WorkingSpace, settled, steered
 from fractal_farm.evolution.designs import (
     SCORE_FIELDS,
     Designs,
@@ -23,6 +23,7 @@ from fractal_farm.evolution.designs import (
     without_repeats,
 )
 from fractal_farm.evolution.epoch import (
+    STEERED,
     Candidates,
     EpochRecord,
     GenerationStatistics,
@@ -30,23 +31,13 @@ from fractal_farm.evolution.epoch import (
     Scores,
     founding_state,
 )
-from fractal_farm.evolution.migration import emigrants, settle
+from fractal_farm.evolution.migration import emigrants
 from fractal_farm.evolution.offspring import Brood, founders, offspring
 from fractal_farm.ifs.genome import design_id
 
 _GAP = SCORE_FIELDS.index("gap")
 ACCEPTED_BLOCK = 32
 ACCEPTED_BLOCKS_LIMIT = 1024
-
-
-@dataclass
-class _Epoch:
-    """The working space of one epoch; with niches the archive holds the library."""
-
-    library: Designs
-    archive: Archive | None = None
-    born: list[Designs] = field(default_factory=list)
-    statistics: list[GenerationStatistics] = field(default_factory=list)
 
 
 def advance(
@@ -60,7 +51,8 @@ def advance(
 
     Args:
         state: the island after epoch - 1.
-        inbox: (source island, emigrants) for each source, in index order.
+        inbox: (source island, emigrants) for each source, in index order; (`STEERED`, designs) for those that somebody
+            wants it to breed from, which arrive in the epoch that is their birth place's.
         config: the evolution section of the run's configuration.
         island: index of the island.
         epoch: number of the epoch, from 0; epoch 0 also founds the library.
@@ -72,13 +64,16 @@ def advance(
         The record of the epoch (as the generator's value).
     """
     before = state.library
-    work = _Epoch(before, Archive(before, config) if config.method == "niches" else None)
+    work = WorkingSpace(before, before[:0], Archive(before, config) if config.method == "niches" else None)
     first = epoch * config.generations_per_epoch + 1
     if epoch == 0:
         brood = founders(config, island)
         scores = yield from _evaluated(brood)
         yield from _found(work, brood, scores, config, island)
-    settled = _settled(work, inbox, config, island, first) if inbox else 0
+    migrants = [(source, leaving) for source, leaving in inbox if source != STEERED]
+    found_place = settled(work, [leaving for _, leaving in migrants], config, island, first) if migrants else 0
+    for designs in (designs for source, designs in inbox if source == STEERED):
+        yield from steered(work, designs, config, island, epoch)
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
     after = work.library
@@ -103,8 +98,8 @@ def advance(
         np.array(leaving, np.int32),
         np.concatenate(work.born) if work.born else after[:0],
         tuple(work.statistics),
-        tuple((source, len(leaving)) for source, leaving in inbox),
-        settled,
+        tuple((source, len(leaving)) for source, leaving in migrants),
+        found_place,
         hits,
     )
 
@@ -121,7 +116,7 @@ def drive(steps: Generator[Candidates, Scores, EpochRecord], evaluate: Callable[
 
 
 def _found(
-    work: _Epoch, brood: Brood, scores: Scores, config: EvolutionConfig, island: int
+    work: WorkingSpace, brood: Brood, scores: Scores, config: EvolutionConfig, island: int
 ) -> Generator[Candidates, Scores, None]:
     """The first library: every founder that has a score, whatever its fitness; of an archive, as any generation."""
     rows = _scored(brood, scores, config, island, 0, 0)
@@ -137,7 +132,7 @@ def _found(
 
 
 def _generation(
-    work: _Epoch, config: EvolutionConfig, island: int, epoch: int, generation: int
+    work: WorkingSpace, config: EvolutionConfig, island: int, epoch: int, generation: int
 ) -> Generator[Candidates, Scores, None]:
     """Breed, evaluate, eliminate, and let the accepted join."""
     rows: list[Designs] = []
@@ -149,7 +144,8 @@ def _generation(
         if work.archive is not None:
             brood, gaps = yield from _printable(work, config, island, generation, block, slots)
         else:
-            brood, gaps = offspring(work.library, config, island, generation, block, slots), None
+            brood = offspring(work.library, config, island, generation, block, slots, chosen=work.chosen)
+            gaps = None
         if len(brood.slots):
             scores = yield from _evaluated(brood)
             if gaps is not None:
@@ -178,16 +174,16 @@ def _generation(
 
 
 def _printable(
-    work: _Epoch, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
+    work: WorkingSpace, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
 ) -> Generator[Candidates, Scores, tuple[Brood, npt.NDArray[np.float64] | None]]:
     """A brood of which every member prints in one piece, with the gaps; slots that find none stay empty."""
     if not config.niches.gap_attempts:
-        return offspring(work.library, config, island, generation, block, slots), None
+        return offspring(work.library, config, island, generation, block, slots, chosen=work.chosen), None
     wanted = np.arange(slots)
     found: list[Brood] = []
     known: list[npt.NDArray[np.float64]] = []
     for again in range(config.niches.gap_attempts):
-        brood = offspring(work.library, config, island, generation, block, slots, wanted, again)
+        brood = offspring(work.library, config, island, generation, block, slots, wanted, again, work.chosen)
         if len(brood.slots):
             scores = yield Candidates(brood.genes, brood.n_maps, "gap")
             gaps = scores.values[:, _GAP]
@@ -206,7 +202,7 @@ def _printable(
 
 
 def _enter(
-    work: _Epoch, archive: Archive, scored: Designs, config: EvolutionConfig
+    work: WorkingSpace, archive: Archive, scored: Designs, config: EvolutionConfig
 ) -> Generator[Candidates, Scores, Designs]:
     """The distinct among the qualified enter the archive, with their gap; those that did."""
     qualified = scored[scored["fitness"] > config.qualified]
@@ -225,23 +221,7 @@ def _enter(
     return np.concatenate([newcomers, successors])
 
 
-def _settled(
-    work: _Epoch, inbox: list[tuple[int, Designs]], config: EvolutionConfig, island: int, generation: int
-) -> int:
-    """Let arrivals find their places; how many did."""
-    arrivals = np.concatenate([leaving for _source, leaving in inbox])
-    if work.archive is None:
-        policy = config.migration.replacement
-        work.library, settled = settle(work.library, arrivals, policy, config.seed, island, generation)
-        return settled
-    arrivals["hits"] = 0
-    entered, _ = work.archive.sift(without_repeats(arrivals, work.archive.library))
-    work.archive.trim()
-    work.library = work.archive.library
-    return len(entered)
-
-
-def _join(work: _Epoch, accepted: Designs, config: EvolutionConfig) -> Designs:
+def _join(work: WorkingSpace, accepted: Designs, config: EvolutionConfig) -> Designs:
     """Accepted offspring join the library; with `keep_best` only those that are among its best afterwards."""
     best_only = config.library.growth == "keep_best"
     if best_only and len(work.library) >= config.library.size:
@@ -292,7 +272,7 @@ def _identified(rows: Designs, config: EvolutionConfig) -> Designs:
 
 
 def _statistics(
-    work: _Epoch,
+    work: WorkingSpace,
     config: EvolutionConfig,
     generation: int,
     fitness: npt.NDArray[np.float64],

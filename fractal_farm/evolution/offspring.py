@@ -27,6 +27,8 @@ from fractal_farm.ifs.genome import RHO, ROW_LENGTH
 from fractal_farm.random_streams import Purpose, stream
 
 ATTEMPTS = 16
+STEERED_SHARE = 0.5
+"""Of the parents drawn while a run is steered, those that somebody chose."""
 
 Place = tuple[int, int, int, int]
 Slots = npt.NDArray[np.intp]
@@ -86,6 +88,7 @@ def offspring(
     slots: int,
     wanted: Slots | None = None,
     again: int = 0,
+    chosen: Designs | None = None,
 ) -> Brood:
     """A block of offspring.
 
@@ -98,12 +101,15 @@ def offspring(
         slots: slots in a block.
         wanted: the slots of the block to fill; all if None.
         again: how often the block has been asked for before; each time draws other numbers.
+        chosen: parents that somebody chose, and that are drawn as often as all of the library together.
 
     Returns:
         The slots that could be filled.
     """
-    random = config.method == "random" or len(library) == 0
     weights = library["fitness"] if config.method != "niches" else parent_weights(library, config)
+    if chosen is not None and len(chosen):
+        library, weights = _with_chosen(chosen, library, weights)
+    random = config.method == "random" or len(library) == 0
 
     def draw(attempt: int, rows: Slots) -> Brood:
         place = (island, generation, block, attempt)
@@ -111,6 +117,17 @@ def offspring(
 
     brood = _filled(config, np.arange(slots) if wanted is None else wanted, draw, again * ATTEMPTS)
     return brood._replace(slots=brood.slots + np.int32(block * slots))
+
+
+def _with_chosen(
+    chosen: Designs, library: Designs, weights: npt.NDArray[np.float64]
+) -> tuple[Designs, npt.NDArray[np.float64]]:
+    """The chosen parents before those of the library, and the weights of all."""
+    total = float(np.cumsum(weights)[-1]) if len(weights) else 0.0  # a plain sum, in order
+    others = weights * ((1.0 - STEERED_SHARE) / total) if total > 0.0 else np.zeros(len(library))
+    return np.concatenate([chosen, library]), np.concatenate(
+        [np.full(len(chosen), STEERED_SHARE / len(chosen)), others]
+    )
 
 
 def _filled(config: EvolutionConfig, rows: Slots, draw: Callable[[int, Slots], Brood], first: int = 0) -> Brood:

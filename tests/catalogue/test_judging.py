@@ -49,7 +49,7 @@ def test_the_last_judgement_counts_and_each_word_stands_for_itself(root):
 
 @pytest.mark.parametrize("stars", [-1, 6])
 def test_other_stars_are_refused_and_leave_nothing(root, stars):
-    with pytest.raises(InputError, match="0 .* to 5"):
+    with pytest.raises(InputError, match=r"0 .* to 5"):
         judge(root, ids(1), stars=stars)
     assert not judgements(root)
 

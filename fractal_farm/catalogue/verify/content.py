@@ -6,6 +6,7 @@ identities, parents, repeated rows and the content digest are looked at across t
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.catalogue.layout import crc32c
+from fractal_farm.catalogue.layout import HAND, crc32c
 from fractal_farm.catalogue.rows import design_table, genome_of
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, ORDER_OF_BIRTH
 from fractal_farm.catalogue.shards import SHARD, decoded_slot
@@ -44,7 +45,8 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
     births: dict[tuple[Any, ...], tuple[Any, str]] = {}
     for part in contents.parts:
         rows = contents.rows(part, DESIGN_SCHEMA.names)
-        yield from _part(contents, part, rows, formulas.get(part.run_id))
+        formula = _formula_by_hand(part) if part.run_id == HAND else formulas.get(part.run_id)
+        yield from _part(contents, part, rows, formula)
         for row in rows:
             lineage.setdefault(part.run_id, set()).add(row["design_id"])
             for parent in row["parents"] or ():
@@ -55,6 +57,7 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
             if first != told:
                 problem = f"a row differs from its repetition in {where}"
                 yield Finding(part.key, "row", problem, _COPY, (row["design_id"],))
+    lineage[HAND] = set().union(*lineage.values())  # what people make may come of any run
     for run_id, children in parents.items():
         for parent, child in sorted(children.items()):
             if parent not in lineage[run_id]:
@@ -193,6 +196,11 @@ def _formula(description: Mapping[str, Any] | None) -> FitnessFormula | None:
     except (FarmError, KeyError, TypeError, ValueError):
         return None
     return FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
+
+
+def _formula_by_hand(part: Part) -> FitnessFormula:
+    """The constants that a design made by hand was scored with, which its part tells."""
+    return FitnessFormula(**json.loads(part.footer.records)["fitness"])
 
 
 def _checksum(points: npt.NDArray[np.uint16]) -> int:
