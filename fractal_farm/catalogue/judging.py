@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -116,7 +115,7 @@ def with_judgements(root: Path, designs: Any) -> Any:
 def missing_numbers(names: Sequence[str]) -> list[int]:
     """Numbers that no judgement among some file names has, though a later one follows."""
     numbers = {int(found["number"]) for name in names if (found := _JUDGEMENT.fullmatch(name))}
-    return np.setdiff1d(np.arange(max(numbers, default=0)), list(numbers)).astype(int).tolist()
+    return sorted(set(range(max(numbers, default=0))) - numbers)
 
 
 def fill_gaps(root: Path) -> None:

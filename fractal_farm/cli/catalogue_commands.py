@@ -9,13 +9,14 @@ from typing import Annotated, Any
 
 import typer
 
-from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, write_file
+from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, say, write_file
 from fractal_farm.errors import InputError
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
 
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
 _JUDGED_COLUMNS = ("stars", "favourite")
+_PREFERENCE = "preference"
 _TABLE_ROWS = 20
 
 
@@ -51,14 +52,19 @@ def list_designs(
 ) -> None:
     """List designs, filtered and sorted.
 
-    Beside the columns of the manifest there are stars and favourite: --where "stars >= 4 or favourite".
+    Beside the columns of the manifest there are stars and favourite, and preference, the stars that farm preference
+    expects: --where "stars >= 4 or favourite", --sort preference.
     """
     from fractal_farm.catalogue import Catalogue, with_judgements
 
     form = Format.JSON if as_json else form
     if form is Format.PARQUET and output is None and sys.stdout.isatty():
         raise InputError("--format parquet: not for a terminal; give a file with --output")
-    table = _selected(with_judgements(directory, Catalogue.open(directory).designs()), where, sort)
+    table = with_judgements(directory, Catalogue.open(directory).designs())
+    if any(_PREFERENCE in (words or "") for words in (where, sort, columns)):
+        table = _with_preference(directory, table)
+    sort = f"{sort} desc" if sort.strip() == _PREFERENCE else sort
+    table = _selected(table, where, sort)
     total = table.num_rows
     if form is Format.TABLE and limit is None:
         limit = _TABLE_ROWS
@@ -124,6 +130,16 @@ def show(
     )
 
 
+def _with_preference(directory: Path, table: Any) -> Any:
+    """The table with the stars that each design would get, and a word about how far that is to be trusted."""
+    from fractal_farm.hand.preference import preference_of, with_preference
+
+    model = preference_of(directory)
+    if not model.useful:
+        say(f"preference: {model.verdict} (farm preference {directory})")
+    return with_preference(table, model)
+
+
 def _selected(table: Any, where: str | None, sort: str) -> Any:
     import pyarrow as pa
 
@@ -155,7 +171,8 @@ def _chosen(columns: str | None, form: Format, table: Any) -> list[str]:
         return known
     if columns is None:
         judged = table.column("stars").null_count < len(table) or True in table.column("favourite").to_pylist()
-        return [*_SHORT_COLUMNS, *(_JUDGED_COLUMNS if judged else ())]
+        ranked = [name for name in (_PREFERENCE,) if name in known]
+        return [*_SHORT_COLUMNS, *(_JUDGED_COLUMNS if judged else ()), *ranked]
     chosen = known if columns.strip() == "all" else [name.strip() for name in columns.split(",")]
     for name in chosen:
         if name not in known:

@@ -1,9 +1,10 @@
 """Breeding by hand: a run whose founders are designs that somebody chose (the paper's 'until the user is satisfied').
 
-The run takes phenotype and fitness from the run that the designs come from. Its children resemble their parents:
-mutations are small, and the gates that candidates pass are as wide as the parents need. A typical child lies 2 to 3
-units of the signature (`distinctness`) from its parent, where two copies of one design lie less than 1 apart, and two
-unrelated designs 8.
+The run takes phenotype and fitness from the run that the designs come from. It has one generation, whose designs are
+children of the chosen ones and resemble them: mutations are small, and the gates that candidates pass are as wide as
+the parents need. A typical child lies 3 units of the signature (`distinctness`) from its nearest founder; unrelated
+designs lie 8 apart, and two copies of one design less than 1. Of four generations, children are no longer related to
+the eye: so one chooses among the children, and breeds again.
 """
 
 from __future__ import annotations
@@ -26,12 +27,11 @@ from fractal_farm.farm.steering import check_breedable
 from fractal_farm.farm.stopping import chosen_run
 from fractal_farm.ifs.genome import RHO, Genome
 
-EVALUATIONS = 4000
 _SETTING = {
     "method": "niches",
     "islands": 4,
-    "generations_per_epoch": 2,
-    "offspring": 64,
+    "generations_per_epoch": 1,
+    "offspring": 512,
     "accepted": None,
 }
 _MUTATION = {"probabilities": (0.15, 0.5), "sigmas": (0.02, 0.05, 0.1)}
@@ -163,7 +163,7 @@ def breeding_config(founders: Founders, overrides: Sequence[str] = ()) -> RunCon
     values = {
         "name": f"{base.name[:58]}-bred",
         "evolution": evolution,
-        "stop": {"evaluations": EVALUATIONS},
+        "stop": {"epochs": 1},
         "catalogue": {"durability": base.catalogue.durability, "min_free_gb": base.catalogue.min_free_gb},
         "solids": {**base.solids.model_dump(mode="json"), "max": 0},
     }
