@@ -102,13 +102,12 @@ def steering_requests(root: Path, run_id: str) -> list[SteeringRequest]:
     Raises:
         FarmError: one of them is damaged or missing.
     """
-    found = sorted(
-        path for path in run_directory(root, run_id).glob("steering~*.json") if _STEERING.fullmatch(path.name)
-    )
+    directory = run_directory(root, run_id)
+    found = sorted(path for path in directory.glob("steering~*.json") if _STEERING.fullmatch(path.name))
     requests = []
     for number, path in enumerate(found):
         if not path.name.startswith(f"steering~{number:04d}~"):
-            raise FarmError(f"{path.parent}: steering~{number:04d} is missing; restore it from a copy")
+            raise FarmError(f"{directory}: steering~{number:04d} is missing; restore it from a copy")
         document = read_document(path)
         requests.append(
             SteeringRequest(

@@ -67,7 +67,8 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     requests = steering_requests(root, config.run_id)
     if len(requests) < steered:
         raise FarmError(
-            f"{root}: run {config.run_id} was steered {steered} times, and {len(requests)} of the requests are there; restore runs/{config.run_id} from a copy"
+            f"{root}: run {config.run_id} was steered {steered} times, and {len(requests)} of its requests "
+            f"are there; restore runs/{config.run_id} from a copy"
         )
     take_in(schedule, requests, evolution)
     return schedule, progress, elapsed_s

@@ -73,7 +73,7 @@ class Schedule:
         return [(island, epoch) for epoch, island in sorted(found)]
 
     def start(self, island: int, epoch: int) -> list[tuple[int, Designs]]:
-        """Mark a pair as running; returns its inbox, in the order of the sources, and what somebody chose after them."""
+        """Mark a pair as running; returns its inbox, in the order of the sources, then what somebody chose."""
         self._running.add(island)
         inbox = [(source, self._outbox[source, epoch - self.lag]) for source in self._senders(island, epoch)]
         return inbox + self._chosen(epoch)

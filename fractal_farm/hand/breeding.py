@@ -173,25 +173,26 @@ def breeding_config(founders: Founders, overrides: Sequence[str] = ()) -> RunCon
 def _gates(founders: Founders, evolution: EvolutionConfig) -> dict[str, Any]:
     """What candidates must reach: as the run had it, or less if a founder would not reach it."""
     least = min(founders.fitness)
-    qualified = (
-        evolution.qualified if least > evolution.qualified else max(0.0, math.floor(100.0 * least - 1.0) / 100.0)
-    )
+    qualified = evolution.qualified if least > evolution.qualified else _just_below(least)
     niches = evolution.niches.model_dump(mode="json") | _MUTATION
     niches["gap"] = min(0.999, max(evolution.niches.gap, *(_WIDER * gap for gap in founders.gap)))
     bounds = evolution.similarity_dimension
     if founders.similarity_dimension:
         expected = min(expected_fitness(genome.genes[:, RHO].tolist(), evolution) for genome in founders.genomes)
         if (asked := evolution.niches.expected_fitness) is not None and expected < asked:
-            niches["expected_fitness"] = max(0.0, math.floor(100.0 * expected - 1.0) / 100.0)
+            niches["expected_fitness"] = _just_below(expected)
         if bounds is not None:
-            low, high = min(founders.similarity_dimension), max(founders.similarity_dimension)
-            bounds = (
-                min(bounds[0], math.floor(10.0 * low) / 10.0),
-                max(bounds[1], min(10.0, math.ceil(10.0 * high) / 10.0)),
-            )
+            low = math.floor(10.0 * min(founders.similarity_dimension)) / 10.0
+            high = math.ceil(10.0 * max(founders.similarity_dimension)) / 10.0
+            bounds = (min(bounds[0], low), max(bounds[1], min(high, 10.0)))
     return {
         "qualified": qualified,
         "elimination": min(evolution.elimination, qualified),
         "niches": niches,
         "similarity_dimension": bounds,
     }
+
+
+def _just_below(fitness: float) -> float:
+    """A threshold of two decimals that this fitness clearly exceeds."""
+    return max(0.0, math.floor(100.0 * fitness - 1.0) / 100.0)

@@ -77,8 +77,8 @@ def steer(
     while (request := _bound(root, run_id, wish)) is None:
         if time.monotonic() > deadline:
             raise FarmError(
-                f"{root}: run {run_id} has not taken up the wish in {wait_s:.0f} s; it will with its next epoch, or the "
-                "next `farm resume` does"
+                f"{root}: run {run_id} has not taken up the wish in {wait_s:.0f} s; it will, or the next `farm resume` "
+                "does"
             )
         if run_is_live(root, run_id):
             time.sleep(_LOOK_SECONDS)
