@@ -29,6 +29,7 @@ from fractal_farm.evolution.epoch import (
     GenerationStatistics,
     IslandState,
     Scores,
+    Wanted,
     founding_state,
 )
 from fractal_farm.evolution.migration import emigrants
@@ -76,6 +77,7 @@ def advance(
         yield from steered(work, designs, config, island, epoch)
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
+    yield from _measure_gaps(work, config)
     after = work.library
     merit = after["fitness"] if work.archive is None else parent_weights(after, config)
     migration = config.migration
@@ -141,15 +143,12 @@ def _generation(
     block = 0
     while True:
         slots = config.offspring or ACCEPTED_BLOCK
-        if work.archive is not None:
-            brood, gaps = yield from _printable(work, config, island, generation, block, slots)
+        if work.archive is not None and config.niches.gap_attempts:
+            brood, scores = yield from _printable(work, config, island, generation, block, slots)
         else:
             brood = offspring(work.library, config, island, generation, block, slots, chosen=work.chosen)
-            gaps = None
-        if len(brood.slots):
             scores = yield from _evaluated(brood)
-            if gaps is not None:
-                scores.values[:, _GAP] = gaps
+        if len(brood.slots):
             scored = _scored(brood, scores, config, island, epoch, generation)
             passed = (scores.refusals == 0) & (scored["fitness"] >= config.elimination)
             count = len(scored)
@@ -175,41 +174,34 @@ def _generation(
 
 def _printable(
     work: WorkingSpace, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
-) -> Generator[Candidates, Scores, tuple[Brood, npt.NDArray[np.float64] | None]]:
-    """A brood of which every member prints in one piece, with the gaps; slots that find none stay empty."""
-    if not config.niches.gap_attempts:
-        return offspring(work.library, config, island, generation, block, slots, chosen=work.chosen), None
+) -> Generator[Candidates, Scores, tuple[Brood, Scores]]:
+    """A brood of which every member prints in one piece, and its scores; slots that find none stay empty."""
     wanted = np.arange(slots)
-    found: list[Brood] = []
-    known: list[npt.NDArray[np.float64]] = []
+    found: list[list[Any]] = []
     for again in range(config.niches.gap_attempts):
         brood = offspring(work.library, config, island, generation, block, slots, wanted, again, work.chosen)
-        if len(brood.slots):
-            scores = yield Candidates(brood.genes, brood.n_maps, "gap")
-            gaps = scores.values[:, _GAP]
-            good = gaps <= config.niches.gap
-            parts: Any = (column[good] for column in brood)
-            found.append(Brood(*parts))
-            known.append(gaps[good])
-            wanted = np.setdiff1d(wanted, found[-1].slots - block * slots)
+        scores = yield from _evaluated(brood, "printable")
+        good = (scores.values[:, _GAP] <= config.niches.gap) | (scores.refusals != 0)
+        found.append([column[good] for column in (*brood, *scores)])
+        wanted = np.setdiff1d(wanted, found[-1][0] - block * slots)
         if not len(wanted):
             break
-    if not found:
-        return brood, None
-    order = np.argsort(np.concatenate([part.slots for part in found]))
-    columns: Any = zip(*found, strict=True)
-    return Brood(*(np.concatenate(parts)[order] for parts in columns)), np.concatenate(known)[order]
+    columns = [np.concatenate(parts) for parts in zip(*found, strict=True)]
+    order = np.argsort(columns[0])
+    columns = [column[order] for column in columns]
+    return Brood(*columns[: len(brood)]), Scores(*columns[len(brood) :])
 
 
 def _enter(
     work: WorkingSpace, archive: Archive, scored: Designs, config: EvolutionConfig
 ) -> Generator[Candidates, Scores, Designs]:
-    """The distinct among the qualified enter the archive, with their gap; those that did."""
+    """The distinct among the qualified enter the archive, with their gap or a bound of it; those that did."""
     qualified = scored[scored["fitness"] > config.qualified]
     offered = without_repeats(_identified(qualified, config), archive.library)
     entered, rivals = archive.sift(offered)
     asked = offered[entered + [index for index, _ in rivals]]
     unknown = np.isnan(asked["gap"])
+    unknown[len(entered) :] = True  # a bound does not tell whose gap is smaller
     if unknown.any():
         scores = yield Candidates(asked["genes"][unknown], asked["n_maps"][unknown], "gap")
         asked["gap"][unknown] = scores.values[:, _GAP]
@@ -219,6 +211,19 @@ def _enter(
     archive.trim()
     work.library = archive.library
     return np.concatenate([newcomers, successors])
+
+
+def _measure_gaps(work: WorkingSpace, config: EvolutionConfig) -> Generator[Candidates, Scores, None]:
+    """The gaps of those born in this epoch of whom no more was needed than that they print: all at once."""
+    bounded = [rows["gap"] == config.niches.gap for rows in work.born]
+    if work.archive is None or not any(rows.any() for rows in bounded):
+        return
+    unknown = np.concatenate([rows[which] for rows, which in zip(work.born, bounded, strict=True)])
+    scores = yield Candidates(unknown["genes"], unknown["n_maps"], "gap")
+    gaps = dict(zip(unknown["design_id"].tolist(), scores.values[:, _GAP].tolist(), strict=True))
+    for rows in (*work.born, work.library):
+        places = [k for k, identity in enumerate(rows["design_id"].tolist()) if identity in gaps]
+        rows["gap"][places] = [gaps[identity] for identity in rows["design_id"][places].tolist()]
 
 
 def _join(work: WorkingSpace, accepted: Designs, config: EvolutionConfig) -> Designs:
@@ -236,11 +241,11 @@ def _join(work: WorkingSpace, accepted: Designs, config: EvolutionConfig) -> Des
     return newcomers
 
 
-def _evaluated(brood: Brood) -> Generator[Candidates, Scores, Scores]:
+def _evaluated(brood: Brood, wanted: Wanted = "scores") -> Generator[Candidates, Scores, Scores]:
     """The scores of a brood; nobody is asked about an empty one."""
     if not len(brood.slots):
         return Scores.unknown(0)
-    scores = yield Candidates(brood.genes, brood.n_maps)
+    scores = yield Candidates(brood.genes, brood.n_maps, wanted)
     return scores
 
 

@@ -6,8 +6,9 @@ need none of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +16,14 @@ import numpy.typing as npt
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs
-from fractal_farm.evolution.epoch import Candidates, Scores
+from fractal_farm.evolution.epoch import Candidates, Scores, Wanted
 from fractal_farm.evolution.offspring import founders
-from fractal_farm.ifs.genome import Genome, Phenotype
+from fractal_farm.ifs.genome import Genome
 
 if TYPE_CHECKING:
     from fractal_farm.solid import SolidParameters
+
+Evaluate = Callable[[Candidates, EvolutionConfig], Scores]
 
 
 @dataclass(frozen=True)
@@ -92,20 +95,42 @@ class MeshOrder:
 
 
 def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scores:
-    """Random iteration and fitness of a block of genomes (compiled; releases the GIL)."""
-    from fractal_farm.fitness import FitnessFormula, evaluate_batch
+    """What was wanted of a block of genomes (compiled; releases the GIL)."""
+    if candidates.wanted == "scores":
+        return _fitness(candidates, config)
+    from fractal_farm.ifs.gap import gap, gaps_within
 
     phenotype = config.phenotype.phenotype()
+    genomes = [
+        Genome(genes[:count], phenotype)
+        for genes, count in zip(candidates.genes, candidates.n_maps.tolist(), strict=True)
+    ]
+    scores = Scores.unknown(len(genomes))
+    gaps = scores.values[:, SCORE_FIELDS.index("gap")]
     if candidates.wanted == "gap":
-        return _gaps(candidates, phenotype)
+        gaps[:] = [gap(genome) for genome in genomes]
+        return scores
+    limit = config.niches.gap
+    within = gaps_within(genomes, limit)
+    found = _fitness(Candidates(candidates.genes[within], candidates.n_maps[within]), config)
+    scores.values[within] = found.values
+    scores.refusals[within] = found.refusals
+    scores.descriptors[within] = found.descriptors
+    gaps[:] = np.where(within, limit, np.inf)
+    return scores
+
+
+def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
+    """Random iteration and fitness; the gap stays unknown."""
+    from fractal_farm.fitness import FitnessFormula, evaluate_batch
+
     constants = config.fitness
-    formula = FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
     result = evaluate_batch(
         candidates.genes,
         candidates.n_maps,
-        phenotype,
+        config.phenotype.phenotype(),
         config.phenotype.points,
-        formula,
+        FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle),
         described_from=config.qualified,
     )
     gaps = np.full(len(result.fitness), np.nan)
@@ -113,20 +138,15 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     return Scores(values, result.refusal, result.descriptor)
 
 
-def _gaps(candidates: Candidates, phenotype: Phenotype) -> Scores:
-    """The gaps of a block of genomes, and nothing else."""
-    from fractal_farm.ifs.gap import gap
-
-    scores = Scores.unknown(len(candidates.n_maps))
-    scores.values[:, SCORE_FIELDS.index("gap")] = [
-        gap(Genome(genes[:count], phenotype))
-        for genes, count in zip(candidates.genes, candidates.n_maps.tolist(), strict=True)
-    ]
-    return scores
+def warm_up(evaluate: Evaluate, config: EvolutionConfig) -> None:
+    """Compile, or load, whatever the evaluations of a run need."""
+    sample = sample_candidates(config)
+    for wanted in get_args(Wanted) if config.method == "niches" else ("scores",):
+        evaluate(sample._replace(wanted=wanted), config)
 
 
 def sample_candidates(config: EvolutionConfig) -> Candidates:
-    """Two founders of a run of seed 0 without seeds of its own: what it takes to compile, or to try, an evaluation."""
+    """Two founders of a run of seed 0 without seeds of its own: what it takes to try an evaluation."""
     library = config.library.model_copy(update={"seeds": ()})
     brood = founders(config.model_copy(update={"seed": 0, "library": library}), 0)
     return Candidates(brood.genes[:2], brood.n_maps[:2])
