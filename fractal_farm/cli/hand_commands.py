@@ -194,8 +194,8 @@ def _steer(directory: Path, ids: list[str], run: str | None, as_json: bool) -> i
             }
         )
     if not steered.live:
-        more = f"--set stop.epochs={request.last + 1}"
-        say(f"go on with: farm resume {directory} (or further: {more})")
+        further = f" --set stop.epochs={request.last + 1}" if steered.beyond else ""
+        say(f"go on with: farm resume {directory}{further}")
     return 0
 
 

@@ -92,7 +92,8 @@ class RunView:
             self.ending = "ending"
             return f"ending: {event.reason}; committing what is complete"
         elif isinstance(event, Steered):
-            return f"steered: epochs {event.first} to {event.last} breed from {len(event.design_ids)} chosen designs"
+            chosen = ", ".join(identity[:8] for identity in event.design_ids)
+            return f"steered: epochs {event.first} to {event.last} breed from {chosen}, too"
         elif isinstance(event, Fault):
             return f"{event.where}: {event.cause}; {event.remedy}"
         elif isinstance(event, RunEnded):

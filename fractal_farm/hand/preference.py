@@ -121,7 +121,9 @@ def fit_preference(features: FloatArray, grades: FloatArray, fitness: FloatArray
     """
     n = len(grades)
     if n < LEAST_JUDGEMENTS:
-        raise InputError(f"{n} judged designs, {LEAST_JUDGEMENTS - n} more are needed for a preference")
+        raise InputError(
+            f"{n} judged designs, {LEAST_JUDGEMENTS - n} short of the {LEAST_JUDGEMENTS} that a preference needs"
+        )
     if np.ptp(grades) == 0.0:
         raise InputError(f"all {n} judged designs have {grades[0]:g} stars; a preference needs better and worse ones")
     compared, told, told_by_fitness = _held_out(features, grades, fitness)

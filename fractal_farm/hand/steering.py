@@ -11,9 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fractal_farm.catalogue import read_run, run_ids, run_is_live, run_lock
+from fractal_farm.catalogue import run_ids, run_is_live, run_lock
 from fractal_farm.catalogue.fence import take_over
 from fractal_farm.catalogue.rows import genome_of
+from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.catalogue.steering import SteeringRequest, bind_wishes, record_wish, steering_requests
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError
@@ -34,12 +35,14 @@ class Steered:
         request: what it is bound to.
         live: whether it is at work.
         epochs: epochs that are committed.
+        beyond: whether its limit of epochs ends it before.
     """
 
     run_id: str
     request: SteeringRequest
     live: bool
     epochs: int
+    beyond: bool
 
 
 def steer(
@@ -68,7 +71,7 @@ def steer(
     """
     rows = chosen_rows(root, ids)
     run_id = _run_of(root, run)
-    config = RunConfig.from_dict(read_run(root, run_id)["config"], f"{root}: run.json")
+    config = RunConfig.from_dict(read_settings(root, run_id), f"{root}: run.json")
     genomes = [genome_of(row) for row in rows]
     check_steerable(genomes, config.evolution, run_id)
     wish = record_wish(root, run_id, genomes)
@@ -84,7 +87,8 @@ def steer(
             time.sleep(_LOOK_SECONDS)
         else:
             _bind_here(root, run_id)
-    return Steered(run_id, request, run_is_live(root, run_id), last_epoch(root, run_id) + 1)
+    beyond = config.stop.epochs is not None and config.stop.epochs <= request.first
+    return Steered(run_id, request, run_is_live(root, run_id), last_epoch(root, run_id) + 1, beyond)
 
 
 def _run_of(root: Path, run: str | None) -> str:

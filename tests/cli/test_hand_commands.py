@@ -131,7 +131,7 @@ def test_a_preference_is_told_and_ranks(capsys: pytest.CaptureFixture[str], dire
     thickness = {identity: row["descriptor"][-2] for identity, row in rows.items()}
     flat_first = sorted(ids, key=lambda identity: thickness[identity])
     assert main(["preference", str(directory)]) == 2
-    assert "30 more are needed" in capsys.readouterr().err
+    assert "30 short of the 30" in capsys.readouterr().err
     for number, identity in enumerate(flat_first[:40]):
         output(capsys, "rate", directory, identity, "--stars", 5 - number // 7)
     told = result(capsys, "preference", directory)

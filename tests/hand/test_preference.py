@@ -117,7 +117,7 @@ def test_the_same_judgements_give_the_same_model(features):
 
 
 @pytest.mark.parametrize(
-    ("count", "stars", "words"), [(29, range(29), "29 judged designs, 1 more are needed"), (31, [4] * 31, "4 stars")]
+    ("count", "stars", "words"), [(29, range(29), "29 judged designs, 1 short of the 30"), (31, [4] * 31, "4 stars")]
 )
 def test_too_few_or_equal_judgements_are_refused_with_what_is_missing(grown, ids, tmp_path, count, stars, words):
     path = tmp_path / "run"
