@@ -123,7 +123,7 @@ def breed(
 ) -> int:
     """Breed from chosen designs: a new run whose only founders they are.
 
-    One generation of 2048 candidates whose genes are moved by .02 to .1, so that the children resemble their parents.
+    One generation of 1024 candidates whose genes are moved by .02 to .1, so that the children resemble their parents.
     Choose among them and breed again; --set evolution.seed=N gives other children, and --set stop.epochs=3
     grandchildren, which wander further.
     """

@@ -7,7 +7,6 @@ Whoever drives it decides where candidates are evaluated; nothing that is decide
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,11 +28,11 @@ from fractal_farm.evolution.epoch import (
     GenerationStatistics,
     IslandState,
     Scores,
-    Wanted,
     founding_state,
 )
 from fractal_farm.evolution.migration import emigrants
 from fractal_farm.evolution.offspring import Brood, founders, offspring
+from fractal_farm.evolution.screening import evaluated, screened_founders, screened_offspring
 from fractal_farm.ifs.genome import design_id
 
 _GAP = SCORE_FIELDS.index("gap")
@@ -68,8 +67,8 @@ def advance(
     work = WorkingSpace(before, before[:0], Archive(before, config) if config.method == "niches" else None)
     first = epoch * config.generations_per_epoch + 1
     if epoch == 0:
-        brood = founders(config, island)
-        scores = yield from _evaluated(brood)
+        brood = founders(config, island) if work.archive is None else (yield from screened_founders(config, island))
+        scores = yield from evaluated(brood)
         yield from _found(work, brood, scores, config, island)
     migrants = [(source, leaving) for source, leaving in inbox if source != STEERED]
     found_place = settled(work, [leaving for _, leaving in migrants], config, island, first) if migrants else 0
@@ -143,11 +142,12 @@ def _generation(
     block = 0
     while True:
         slots = config.offspring or ACCEPTED_BLOCK
-        if work.archive is not None and config.niches.gap_attempts:
-            brood, scores = yield from _printable(work, config, island, generation, block, slots)
+        if work.archive is not None:
+            place = (island, generation, block)
+            brood, scores = yield from screened_offspring(work.library, config, *place, slots, work.chosen)
         else:
-            brood = offspring(work.library, config, island, generation, block, slots, chosen=work.chosen)
-            scores = yield from _evaluated(brood)
+            brood = offspring(work.library, config, island, generation, block, slots, work.chosen)
+            scores = yield from evaluated(brood)
         if len(brood.slots):
             scored = _scored(brood, scores, config, island, epoch, generation)
             passed = (scores.refusals == 0) & (scored["fitness"] >= config.elimination)
@@ -170,26 +170,6 @@ def _generation(
         newcomers = _join(work, passed, config)
     work.born.append(newcomers)
     work.statistics.append(_statistics(work, config, generation, scored["fitness"], refused, len(newcomers)))
-
-
-def _printable(
-    work: WorkingSpace, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
-) -> Generator[Candidates, Scores, tuple[Brood, Scores]]:
-    """A brood of which every member prints in one piece, and its scores; slots that find none stay empty."""
-    wanted = np.arange(slots)
-    found: list[list[Any]] = []
-    for again in range(config.niches.gap_attempts):
-        brood = offspring(work.library, config, island, generation, block, slots, wanted, again, work.chosen)
-        scores = yield from _evaluated(brood, "printable")
-        good = (scores.values[:, _GAP] <= config.niches.gap) | (scores.refusals != 0)
-        found.append([column[good] for column in (*brood, *scores)])
-        wanted = np.setdiff1d(wanted, found[-1][0] - block * slots)
-        if not len(wanted):
-            break
-    columns = [np.concatenate(parts) for parts in zip(*found, strict=True)]
-    order = np.argsort(columns[0])
-    columns = [column[order] for column in columns]
-    return Brood(*columns[: len(brood)]), Scores(*columns[len(brood) :])
 
 
 def _enter(
@@ -241,14 +221,6 @@ def _join(work: WorkingSpace, accepted: Designs, config: EvolutionConfig) -> Des
     return newcomers
 
 
-def _evaluated(brood: Brood, wanted: Wanted = "scores") -> Generator[Candidates, Scores, Scores]:
-    """The scores of a brood; nobody is asked about an empty one."""
-    if not len(brood.slots):
-        return Scores.unknown(0)
-    scores = yield Candidates(brood.genes, brood.n_maps, wanted)
-    return scores
-
-
 def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, epoch: int, generation: int) -> Designs:
     """Rows of a brood with their scores, still without identity."""
     rows = np.zeros(len(brood.slots), founding_state(config).library.dtype)
@@ -257,6 +229,7 @@ def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, 
     for column, name in enumerate(SCORE_FIELDS):
         rows[name] = scores.values[:, column]
     rows["descriptor"] = scores.descriptors
+    rows["foreseen"] = brood.foreseen
     rows["parents"] = brood.parents
     rows["operator"] = brood.operators
     rows["island"] = island

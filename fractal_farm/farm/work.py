@@ -21,7 +21,10 @@ from fractal_farm.evolution.offspring import founders
 from fractal_farm.ifs.genome import Genome
 
 if TYPE_CHECKING:
+    from fractal_farm.fitness import FitnessFormula
     from fractal_farm.solid import SolidParameters
+
+_FORESEEN_AN_EVALUATION = 16  # so many genomes are foreseen in the time that one is evaluated
 
 Evaluate = Callable[[Candidates, EvolutionConfig], Scores]
 
@@ -96,6 +99,8 @@ class MeshOrder:
 
 def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scores:
     """What was wanted of a block of genomes (compiled; releases the GIL)."""
+    if candidates.wanted == "foreseen":
+        return _foreseen(candidates, config)
     if candidates.wanted == "scores":
         return _fitness(candidates, config)
     from fractal_farm.ifs.gap import gap, gaps_within
@@ -120,17 +125,28 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     return scores
 
 
+def _foreseen(candidates: Candidates, config: EvolutionConfig) -> Scores:
+    """What closed forms say."""
+    from fractal_farm.fitness import foresee
+
+    least = config.niches.expected_fitness or 0.0
+    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), _formula(config), least)
+    scores = Scores.unknown(len(found.d0))
+    for name, column in (("d0", found.d0), ("d2", found.d2), ("fitness", found.fitness)):
+        scores.values[:, SCORE_FIELDS.index(name)] = column
+    return Scores(scores.values, found.refusal, found.descriptor)
+
+
 def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
     """Random iteration and fitness; the gap stays unknown."""
-    from fractal_farm.fitness import FitnessFormula, evaluate_batch
+    from fractal_farm.fitness import evaluate_batch
 
-    constants = config.fitness
     result = evaluate_batch(
         candidates.genes,
         candidates.n_maps,
         config.phenotype.phenotype(),
         config.phenotype.points,
-        FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle),
+        _formula(config),
         described_from=config.qualified,
     )
     gaps = np.full(len(result.fitness), np.nan)
@@ -138,11 +154,19 @@ def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
     return Scores(values, result.refusal, result.descriptor)
 
 
+def _formula(config: EvolutionConfig) -> FitnessFormula:
+    from fractal_farm.fitness import FitnessFormula
+
+    constants = config.fitness
+    return FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
+
+
 def warm_up(evaluate: Evaluate, config: EvolutionConfig) -> None:
     """Compile, or load, whatever the evaluations of a run need."""
     sample = sample_candidates(config)
-    for wanted in get_args(Wanted) if config.method == "niches" else ("scores",):
-        evaluate(sample._replace(wanted=wanted), config)
+    for wanted in get_args(Wanted):
+        if wanted == "scores" or (config.method == "niches" and (wanted != "foreseen" or config.foreseeable)):
+            evaluate(sample._replace(wanted=wanted), config)
 
 
 def sample_candidates(config: EvolutionConfig) -> Candidates:
@@ -164,9 +188,10 @@ def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:
 
 
 def split(candidates: Candidates, size: int | None) -> list[Candidates]:
-    """Cut a block into batches of at most `size` genomes (None: one batch)."""
+    """Cut a block into batches of at most `size` evaluations, or as much work (None: one batch)."""
     count = len(candidates.n_maps)
-    step = max(1, count if size is None else size)
+    scale = _FORESEEN_AN_EVALUATION if candidates.wanted == "foreseen" else 1
+    step = max(1, count if size is None else size * scale)
     return [
         candidates._replace(genes=candidates.genes[k : k + step], n_maps=candidates.n_maps[k : k + step])
         for k in range(0, max(count, 1), step)

@@ -16,22 +16,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fractal_farm.catalogue import Catalogue, judgements
 from fractal_farm.catalogue.layout import HAND
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import InputError
-from fractal_farm.evolution.foresight import expected_fitness
 from fractal_farm.farm.steering import check_breedable
 from fractal_farm.farm.stopping import chosen_run
-from fractal_farm.ifs.genome import RHO, Genome
+from fractal_farm.ifs.genome import MAX_MAPS, ROW_LENGTH, Genome
 
 _SETTING = {
     "method": "niches",
     "islands": 4,
     "generations_per_epoch": 1,
-    "offspring": 512,
+    "offspring": 256,
     "accepted": None,
 }
 _MUTATION = {"probabilities": (0.15, 0.5), "sigmas": (0.02, 0.05, 0.1)}
@@ -48,7 +49,8 @@ class Founders:
         config: of the run that the first of them comes from.
         fitness: by that run's constants.
         gap: of each.
-        similarity_dimension: of each; empty for affine genomes.
+        expected_fitness: that closed forms foresee of each; empty for affine genomes.
+        similarity_dimension: likewise.
     """
 
     design_ids: tuple[str, ...]
@@ -56,6 +58,7 @@ class Founders:
     config: RunConfig
     fitness: tuple[float, ...]
     gap: tuple[float, ...]
+    expected_fitness: tuple[float, ...]
     similarity_dimension: tuple[float, ...]
 
     def lowered(self, config: RunConfig) -> list[tuple[str, float, float]]:
@@ -106,9 +109,8 @@ def founders_of(root: Path, ids: Sequence[str]) -> Founders:
         InputError: no such design, different phenotypes, or probabilities set by hand.
         FarmError: a part or a record is damaged.
     """
-    from fractal_farm.fitness import FitnessFormula, evaluate
+    from fractal_farm.fitness import FitnessFormula, evaluate, foresee
     from fractal_farm.ifs.gap import gap
-    from fractal_farm.ifs.similarity_dimension import similarity_dimension
 
     rows = chosen_rows(root, ids)
     config = origin_of(root, rows)
@@ -123,14 +125,20 @@ def founders_of(root: Path, ids: Sequence[str]) -> Founders:
             )
     formula = FitnessFormula(**config.evolution.fitness.model_dump())
     scores = evaluate(genomes, config.evolution.phenotype.points, formula)
-    similar = phenotype.family == "similarity"
+    foreseen: list[tuple[float, ...]] = [(), ()]
+    if config.evolution.foreseeable:
+        padded = np.zeros((len(genomes), MAX_MAPS, ROW_LENGTH[phenotype.family]))
+        for row, genome in zip(padded, genomes, strict=True):
+            row[: genome.n_maps] = genome.genes
+        found = foresee(padded, np.array([genome.n_maps for genome in genomes]), phenotype, formula)
+        foreseen = [tuple(found.fitness.tolist()), tuple(found.d0.tolist())]
     return Founders(
         tuple(genome.design_id for genome in genomes),
         tuple(genomes),
         config,
         tuple(scores.fitness.tolist()),
         tuple(map(gap, genomes)),
-        tuple(map(similarity_dimension, genomes)) if similar else (),
+        *foreseen,
     )
 
 
@@ -177,14 +185,13 @@ def _gates(founders: Founders, evolution: EvolutionConfig) -> dict[str, Any]:
     niches = evolution.niches.model_dump(mode="json") | _MUTATION
     niches["gap"] = min(0.999, max(evolution.niches.gap, *(_WIDER * gap for gap in founders.gap)))
     bounds = evolution.similarity_dimension
-    if founders.similarity_dimension:
-        expected = min(expected_fitness(genome.genes[:, RHO].tolist(), evolution) for genome in founders.genomes)
-        if (asked := evolution.niches.expected_fitness) is not None and expected < asked:
-            niches["expected_fitness"] = _just_below(expected)
-        if bounds is not None:
-            low = math.floor(10.0 * min(founders.similarity_dimension)) / 10.0
-            high = math.ceil(10.0 * max(founders.similarity_dimension)) / 10.0
-            bounds = (min(bounds[0], low), max(bounds[1], min(high, 10.0)))
+    if founders.expected_fitness and (asked := evolution.niches.expected_fitness) is not None:
+        expected = min(founders.expected_fitness)
+        niches["expected_fitness"] = asked if expected > asked else _just_below(expected)
+    if founders.similarity_dimension and bounds is not None:
+        low = math.floor(10.0 * min(founders.similarity_dimension)) / 10.0
+        high = math.ceil(10.0 * max(founders.similarity_dimension)) / 10.0
+        bounds = (min(bounds[0], low), max(bounds[1], min(high, 10.0)))
     return {
         "qualified": qualified,
         "elimination": min(evolution.elimination, qualified),
