@@ -4,6 +4,7 @@
 """
 
 from fractal_farm.catalogue.clouds import DenseClouds
+from fractal_farm.catalogue.judging import Judgement, judge, judgements, with_judgements, withdraw
 from fractal_farm.catalogue.reader import Catalogue, Usage
 from fractal_farm.catalogue.records import committed_records, latest_snapshot, remove_orphans, write_snapshot
 from fractal_farm.catalogue.rows import design_table
@@ -24,6 +25,7 @@ __all__ = [
     "Catalogue",
     "CommitReceipt",
     "DenseClouds",
+    "Judgement",
     "RunInfo",
     "RunWriter",
     "SolidInfo",
@@ -31,6 +33,8 @@ __all__ = [
     "committed_records",
     "create_run",
     "design_table",
+    "judge",
+    "judgements",
     "latest_snapshot",
     "read_run",
     "record_end",
@@ -39,5 +43,7 @@ __all__ = [
     "run_ids",
     "run_is_live",
     "run_lock",
+    "with_judgements",
+    "withdraw",
     "write_snapshot",
 ]

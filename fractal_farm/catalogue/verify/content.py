@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.catalogue.formula import formula_of
-from fractal_farm.catalogue.layout import crc32c
+from fractal_farm.catalogue.formula import formula_by_hand, formula_of
+from fractal_farm.catalogue.layout import HAND, crc32c
 from fractal_farm.catalogue.rows import design_table, genome_of
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, ORDER_OF_BIRTH
 from fractal_farm.catalogue.shards import SHARD, decoded_slot
@@ -44,7 +44,8 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
     births: dict[tuple[Any, ...], tuple[Any, str]] = {}
     for part in contents.parts:
         rows = contents.rows(part, DESIGN_SCHEMA.names)
-        yield from _part(contents, part, rows, formulas.get(part.run_id))
+        formula = formula_by_hand(part.footer.records) if part.run_id == HAND else formulas.get(part.run_id)
+        yield from _part(contents, part, rows, formula)
         for row in rows:
             lineage.setdefault(part.run_id, set()).add(row["design_id"])
             for parent in row["parents"] or ():
@@ -55,6 +56,7 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
             if first != told:
                 problem = f"a row differs from its repetition in {where}"
                 yield Finding(part.key, "row", problem, _COPY, (row["design_id"],))
+    lineage[HAND] = set().union(*lineage.values())  # what people make may come of any run
     for run_id, children in parents.items():
         for parent, child in sorted(children.items()):
             if parent not in lineage[run_id]:
