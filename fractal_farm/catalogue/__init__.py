@@ -3,6 +3,7 @@
 `RunWriter` commits designs, `Catalogue` reads them; `layout` draws the tree.
 """
 
+from fractal_farm.catalogue.beginning import begin_run, is_unbegun, what_is_there
 from fractal_farm.catalogue.clouds import DenseClouds
 from fractal_farm.catalogue.reader import Catalogue, Usage
 from fractal_farm.catalogue.records import committed_records, latest_snapshot, remove_orphans, write_snapshot
@@ -28,9 +29,11 @@ __all__ = [
     "RunWriter",
     "SolidInfo",
     "Usage",
+    "begin_run",
     "committed_records",
     "create_run",
     "design_table",
+    "is_unbegun",
     "latest_snapshot",
     "read_run",
     "record_end",
@@ -39,5 +42,6 @@ __all__ = [
     "run_ids",
     "run_is_live",
     "run_lock",
+    "what_is_there",
     "write_snapshot",
 ]

@@ -159,7 +159,7 @@ def _saying_how_to_resume(directory: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        begun = (directory / "zarr.json").exists()
+        begun = any(directory.glob("runs/*/run.json"))
         say(f"interrupted; go on from the last commit with: farm resume {directory}" if begun else "interrupted")
         raise
 

@@ -13,11 +13,13 @@ from typing import Any
 
 from fractal_farm.catalogue import (
     Catalogue,
-    create_run,
+    begin_run,
+    is_unbegun,
     record_end,
     remove_orphans,
     run_ids,
     run_lock,
+    what_is_there,
 )
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
@@ -80,7 +82,8 @@ def submit(
 
     Args:
         config: what to run.
-        out: directory of the catalogue; it must not exist, or be empty.
+        out: directory of the catalogue; it must not exist, be empty, or be what a submit left that was killed before
+            its run had begun.
         address: Ray cluster to work on; overrides the configuration.
         executor: "ray" or "serial"; overrides the configuration.
         into: add the run to an existing catalogue instead.
@@ -94,10 +97,8 @@ def submit(
     _check_target(out, config, into)
     check_disk(config, out)
     with workforce(config) as workers:
-        if not (into and out.exists()):
-            Catalogue.create(out)
         description = {"config": config.to_dict(), "versions": _versions()}
-        create_run(out, config.run_id, description, config.catalogue.durability)
+        begin_run(out, config.run_id, description, config.catalogue.durability, into=into)
         return _session(config, out, workers, callbacks)
 
 
@@ -265,7 +266,7 @@ def _stretch(
 
 def _check_target(out: Path, config: RunConfig, into: bool) -> None:
     """Refuse before anything is started or written."""
-    if into and out.exists():
+    if into and out.exists() and not (out.is_dir() and is_unbegun(out)):
         Catalogue.open(out)
         if config.run_id in run_ids(out):
             raise InputError(f"{out}: run {config.run_id} is in this catalogue already; `farm resume {out}`")
@@ -277,10 +278,8 @@ def _check_target(out: Path, config: RunConfig, into: bool) -> None:
         raise InputError(f"{out}: {place} is a file; choose another --out")
     if not os.access(place, os.W_OK | os.X_OK):
         raise InputError(f"{out}: {place} is not writable; choose another --out")
-    if out.exists() and (held := run_ids(out)):
-        raise InputError(f"{out}: holds run {', '.join(held)}; choose another --out, or `farm resume {out}`")
-    if out.exists() and any(out.iterdir()):
-        raise InputError(f"{out}: is not empty; choose another --out")
+    if out.exists() and not is_unbegun(out):
+        raise InputError(f"{out}: {what_is_there(out)}")
 
 
 def _versions() -> dict[str, str]:
