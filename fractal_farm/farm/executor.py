@@ -75,7 +75,20 @@ class NoRoom:
     cause: str
 
 
-Finished = EpochDone | PartDone | MeshDone | WorkLost | NoRoom
+@dataclass(frozen=True)
+class Killed:
+    """A worker that stood still was killed; what it worked on will be told as lost, or is done again already.
+
+    Attributes:
+        worker: what it was.
+        cause: why it was killed.
+    """
+
+    worker: str
+    cause: str
+
+
+Finished = EpochDone | PartDone | MeshDone | WorkLost | NoRoom | Killed
 
 
 class Executor(Protocol):

@@ -35,6 +35,7 @@ from fractal_farm.farm.executor import (
     EpochDone,
     Executor,
     Finished,
+    Killed,
     MeshDone,
     NoRoom,
     PartDone,
@@ -207,6 +208,8 @@ class Run:
             self._take_receipt(item)
         elif isinstance(item, NoRoom):
             self._wait_for_room(item)
+        elif isinstance(item, Killed):
+            self._announce(Fault(item.worker, item.cause, "it is killed, and its work done again"))
         elif isinstance(item, MeshDone):
             self._room.accept()
             self._meshing -= 1

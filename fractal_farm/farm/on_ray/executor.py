@@ -35,12 +35,14 @@ from fractal_farm.farm.executor import (
     Evaluate,
     Finished,
     Inbox,
+    Killed,
     MeshDone,
     NoRoom,
     PartDone,
     WorkLost,
 )
 from fractal_farm.farm.on_ray.session import Cluster
+from fractal_farm.farm.on_ray.wardens import Wardens
 from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
 from fractal_farm.farm.work import (
     MeshOrder,
@@ -188,6 +190,7 @@ class RayExecutor:
         self._writer: Any = None
         self._meshers: list[Any] = []
         self._pending: dict[Any, tuple[str, Any]] = {}
+        self._wardens = Wardens()
         # Kernels are compiled once and cached before many workers want them at the same time; the writer does its
         # own share meanwhile.
         with self._watched():
@@ -228,6 +231,9 @@ class RayExecutor:
     def wait(self, timeout_s: float) -> list[Finished]:
         """Whatever is ready, without regard to order."""
         with self._watched():
+            killed: list[Finished] = [Killed(f"worker {title}", "it stood still") for title in self._wardens.killed()]
+            if killed:
+                return killed
             if not self._pending:
                 time.sleep(timeout_s)
                 return []
@@ -241,6 +247,7 @@ class RayExecutor:
         """Kill the actors; results in flight are not wanted any more."""
         self._pending.clear()
         if self._cluster.lost_now() is None:
+            self._wardens.close()
             for actor in [*self._islands.values(), *self._meshers, *([self._writer] if self._writer else [])]:
                 ray.kill(actor)
 
@@ -250,6 +257,7 @@ class RayExecutor:
             call = _EVALUATE.remote(self._evaluate, candidates, self._config)
             while not ray.wait([call], timeout=1.0)[0]:
                 self._check_cluster()
+                self._wardens.killed()
                 if time.monotonic() > deadline:
                     raise FarmError(
                         f"{self._cluster.name()}: no worker has evaluated anything for {_WARM_UP_SECONDS:.0f} s; "
