@@ -1,7 +1,7 @@
 """Islands as Ray actors, evaluations as Ray tasks, one writer and some mesh actors (DESIGN section 4).
 
-Actors hold state only as a cache: every call carries its epoch, and when an actor has died the run sends the state
-again. Island actors and the writer take no processor of their own; mesh actors run at low priority, so that
+Actors hold state only as a cache: every call carries its epoch, and when an actor has died a new one gets the state
+from the run. Island actors and the writer take no processor of their own; mesh actors run at low priority, so that
 evaluations go first.
 """
 
@@ -86,13 +86,11 @@ class Island:
         self._batch_size = batch_size
         self._state: IslandState | None = None
 
-    def advance(
-        self, epoch: int, inbox: Inbox, state: IslandState | None
-    ) -> tuple[EpochRecord, tuple[SetAside, ...]] | None:
-        """The record of an epoch; None when neither memory nor argument holds the state before it."""
+    def advance(self, epoch: int, inbox: Inbox, state: IslandState | None) -> tuple[EpochRecord, tuple[SetAside, ...]]:
+        """The record of an epoch, from the state before it, or from memory if that is None."""
         before = state if state is not None else self._state
-        if before is None or before.epoch != epoch - 1:
-            return None
+        assert before is not None
+        assert before.epoch == epoch - 1
         set_aside: list[SetAside] = []
 
         def scores_of(candidates: Candidates) -> Scores:
@@ -161,9 +159,9 @@ class Mesher:
 # Remote forms; Ray's decorators hide the types of what they wrap.
 _EVALUATE: Any = ray.remote(num_cpus=1, max_retries=0)(evaluate_batch)
 _TRIAL: Any = ray.remote(num_cpus=1, max_retries=-1)(trial)
-_ISLAND: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=0)(Island)
+_ISLAND: Any = ray.remote(num_cpus=0, max_restarts=0)(Island)
 _WRITER: Any = ray.remote(num_cpus=0, max_restarts=0)(Writer)
-_MESHER: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=2)(Mesher)
+_MESHER: Any = ray.remote(num_cpus=0, max_restarts=0)(Mesher)
 
 
 class RayExecutor:
@@ -302,10 +300,7 @@ class RayExecutor:
             # When a whole cluster goes, its processes go one by one.
             if self._cluster.lost_now() is not None:
                 self._check_cluster()
-            if kind == "part" or getattr(error, "actor_id", None) == self._writer_id():
-                self._writer = None
-            if kind == "epoch":
-                self._memory.pop(what[0], None)
+            self._dismiss(error, kind, what)
             return WorkLost(what[0] if kind == "mesh" else what, type(error).__name__)
         except StorageFullError as error:
             return NoRoom(what[0] if kind == "mesh" else what, str(error))
@@ -315,14 +310,22 @@ class RayExecutor:
             seconds, failure = result
             return MeshDone(what[0], seconds, failure)
         island, epoch = what
-        if result is None:
-            self._memory.pop(island, None)
-            return WorkLost(what, "its actor was restarted without the library")
         self._memory[island] = epoch
         return EpochDone(*result)
 
-    def _writer_id(self) -> str | None:
-        return self._writer._actor_id.hex() if self._writer is not None else None
+    def _dismiss(self, error: Exception, kind: str, what: Any) -> None:
+        """Forget the actor that was lost: what comes next gets a new one. It may live on, out of reach."""
+        lost = None
+        if kind == "epoch":
+            self._memory.pop(what[0], None)
+            lost = self._islands.pop(what[0], None)
+        elif kind == "part" or (self._writer and getattr(error, "actor_id", None) == self._writer._actor_id.hex()):
+            lost, self._writer = self._writer, None
+        elif what[1] in self._meshers:
+            lost = what[1]
+            self._meshers.remove(lost)
+        if lost is not None:
+            ray.kill(lost)
 
     @staticmethod
     def _result(call: Any) -> Any:
