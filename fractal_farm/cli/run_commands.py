@@ -79,8 +79,8 @@ def submit(
     if detach:
         from fractal_farm.farm.on_ray import jobs
 
-        _only_on_a_cluster(executor, into)
-        return _detached(jobs.detach(run, str(out or Path("runs") / run.name), address), address, as_json)
+        _only_on_a_cluster(executor)
+        return _detached(jobs.detach(run, str(out or Path("runs") / run.name), address, into), address, as_json)
     directory = out if out is not None else Path("runs") / run.name
     with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.submit(run, directory, address=address, executor=_name(executor), into=into, callbacks=[display])
@@ -106,10 +106,8 @@ def resume(
     if detach:
         from fractal_farm.farm.on_ray import jobs
 
-        _only_on_a_cluster(executor, into=False)
-        if run is not None:
-            raise InputError("--run: not together with --detach; resume it from where the catalogue is")
-        return _detached(jobs.detach_resume(str(directory), overrides or (), address), address, as_json)
+        _only_on_a_cluster(executor)
+        return _detached(jobs.detach_resume(str(directory), run, overrides or (), address), address, as_json)
     with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.resume(
             directory,
@@ -133,11 +131,9 @@ def stop(directory: DirectoryArgument, run: RunOption = None) -> None:
     say(f"ended after {epochs:,} epochs; go on with: farm resume {directory}")
 
 
-def _only_on_a_cluster(executor: ExecutorName | None, into: bool) -> None:
+def _only_on_a_cluster(executor: ExecutorName | None) -> None:
     if executor is ExecutorName.SERIAL:
         raise InputError("--executor serial: a run that is handed to a cluster works there; leave --detach out")
-    if into:
-        raise InputError("--into: not together with --detach; run farm on the cluster's head for that")
 
 
 def _detached(job: str, address: str | None, as_json: bool) -> int:

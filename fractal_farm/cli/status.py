@@ -158,6 +158,7 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files, {byte_count(facts['free_bytes'])} free"
         + ("" if facts["min_free_bytes"] is None else f"; the run waits below {byte_count(facts['min_free_bytes'])}"),
         "forecast": _forecast(facts["forecast"]),
+        "ends after": _limits(facts["stop"]),
         "time left": _left(facts),
         "digest": facts["digest"],
     }
@@ -198,6 +199,12 @@ def _left(facts: dict[str, Any]) -> str | None:
     if facts["left_s"] <= 0:
         return f"{facts['left_until']} reached, finishing"
     return f"{duration(facts['left_s'])} left until {facts['left_until']}"
+
+
+def _limits(stop: dict[str, Any]) -> str:
+    """The limits in force; whichever comes first ends the run."""
+    found = [f"{limit:,g} {name}" for name, limit in stop.items() if limit is not None]
+    return " or ".join(found) or "nothing but an interruption"
 
 
 def _island(island: dict[str, Any]) -> str:

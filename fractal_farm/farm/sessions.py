@@ -11,10 +11,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from fractal_farm import __version__
 from fractal_farm.catalogue import (
     Catalogue,
     begin_run,
     is_unbegun,
+    read_run,
     record_end,
     remove_orphans,
     run_ids,
@@ -129,6 +131,7 @@ def resume(
     """
     run_id = chosen_run(path, run)
     stored = read_settings(path, run_id)
+    _check_version(path, run_id, stored)
     config = RunConfig.from_dict(stored, f"{path}: run.json", overrides)
     if config.run_id != run_id:
         raise InputError(
@@ -143,6 +146,21 @@ def resume(
         pass  # a run that is at work is refused before anything is started for it
     with workforce(config) as workers:
         return _session(config, path, workers, callbacks)
+
+
+def _check_version(path: Path, run_id: str, stored: dict[str, Any]) -> None:
+    """Refuse to go on with what another version has grown: it would not be the same run."""
+    try:
+        reason = None if RunConfig.from_dict(stored).run_id == run_id else "its evolution has another identity here"
+    except InputError as error:
+        reason = str(error)
+    if reason is not None:
+        grown_by = read_run(path, run_id).get("versions", {}).get("fractal-farm", "unknown")
+        raise InputError(
+            f"{path}: run {run_id} was grown by another version of the farm ({grown_by}; this is {__version__}: "
+            f"{reason}) and cannot go on here; it can be listed, shown, meshed and verified as ever, and `farm submit` "
+            "of its configuration to another directory grows it anew"
+        )
 
 
 def working_with(config: RunConfig, address: str | None, executor: str | None) -> RunConfig:

@@ -20,6 +20,7 @@ from fractal_farm.evolution.offspring import founders
 from fractal_farm.ifs.genome import Genome, Phenotype
 
 if TYPE_CHECKING:
+    from fractal_farm.fitness import FitnessFormula
     from fractal_farm.solid import SolidParameters
 
 
@@ -93,24 +94,30 @@ class MeshOrder:
 
 def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scores:
     """Random iteration and fitness of a block of genomes (compiled; releases the GIL)."""
-    from fractal_farm.fitness import FitnessFormula, evaluate_batch
+    from fractal_farm.fitness import evaluate_batch
 
     phenotype = config.phenotype.phenotype()
     if candidates.wanted == "gap":
         return _gaps(candidates, phenotype)
-    constants = config.fitness
-    formula = FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
     result = evaluate_batch(
         candidates.genes,
         candidates.n_maps,
         phenotype,
         config.phenotype.points,
-        formula,
+        fitness_formula(config),
         described_from=config.qualified,
     )
     gaps = np.full(len(result.fitness), np.nan)
     values = np.column_stack([result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error, gaps])
     return Scores(values, result.refusal, result.descriptor)
+
+
+def fitness_formula(config: EvolutionConfig) -> FitnessFormula:
+    """Eq 3.7 with the constants of a run."""
+    from fractal_farm.fitness import FitnessFormula
+
+    constants = config.fitness
+    return FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
 
 
 def _gaps(candidates: Candidates, phenotype: Phenotype) -> Scores:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,12 +20,13 @@ from fractal_farm.catalogue.documents import sealed_page
 from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.catalogue.settings import record_settings
 from fractal_farm.catalogue.shards import group_metadata
-from fractal_farm.catalogue.verify import LEVELS, Remakers, repair, verify
+from fractal_farm.catalogue.verify import LEVELS, Remakers, content, repair, verify
 from fractal_farm.catalogue.verify.bit_flips import flipped, unflipped
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.farm import resume, run, submit
 from fractal_farm.farm.sheet import write_sheet
+from fractal_farm.fitness import evaluate, formula
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
 from tests.catalogue import under_fire
 from tests.catalogue.examples import RUN, designs, genome, records, writer
@@ -351,6 +353,20 @@ def test_deep_tells_what_checksums_cannot(empty, changes, told):
     report = verify(empty, "deep")
     assert report.exit_code == 1
     assert any(told in finding.problem for finding in report.findings)
+
+
+def test_scores_of_another_version_of_the_fitness_are_told_and_not_compared(root, monkeypatch):
+    def other_scores(genomes, n_points, formula):
+        scores = evaluate(genomes, n_points, formula)
+        return replace(scores, fitness=scores.fitness / 2)
+
+    monkeypatch.setattr(content, "evaluate", other_scores)
+    assert verify(root, "deep").exit_code == 1
+    monkeypatch.setattr(formula, "EVALUATOR_VERSION", "scores-0")
+    report = verify(root, "deep")
+    assert report.exit_code == 0
+    assert len(report.findings) == len(list((root / "manifest/designs").iterdir()))
+    assert all("scored by another version of the fitness (scores-1-" in told.problem for told in report.findings)
 
 
 def test_deep_finds_clouds_of_other_designs(empty):

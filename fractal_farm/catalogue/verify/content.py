@@ -145,7 +145,12 @@ def _compared_numbers(
             recomputed["gap"] = gap(genome)
         if row["descriptor"] is not None:
             recomputed["descriptor"] = shape_descriptor(attractor_points(genome, row["n_points"])).tolist()
-    if formula is not None:
+    scored_by = part.footer.fitness
+    if scored_by is not None and (formula is None or formula.identity != scored_by):
+        ours = "a configuration that this version does not know" if formula is None else formula.identity
+        problem = f"scored by another version of the fitness ({scored_by}, here {ours}); scores not compared"
+        yield Finding(part.key, "row", problem, "verify with the version that scored it", damage=False)
+    elif formula is not None:
         scores = evaluate(genomes, rows[0]["n_points"], formula)
         for name in _SCORES:
             for recomputed, value in zip(again, getattr(scores, name).tolist(), strict=True):
