@@ -271,13 +271,16 @@ def _stretch(
         run.meshes,
         run.mesh_failures,
     )
+    sheet = None
     try:
-        record_end(root, run_id, asdict(ended), config.catalogue.durability)
+        # The record of the end vouches for the picture; the report tells of the end.
         sheet = write_sheet(root, config)
+        record_end(root, run_id, asdict(ended), config.catalogue.durability)
         write_report(root, config)
     except StorageFullError as error:
-        announce(Fault("disk", str(error), "the run has ended, and its designs are safe"))
-        sheet = None
+        announce(
+            Fault("disk", str(error), "all designs are safe; `farm resume` makes picture and report when there is room")
+        )
     announce(ended)
     return RunSummary(run_id, config.name, root, ended, sheet)
 

@@ -21,6 +21,7 @@ from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.catalogue.settings import record_settings
 from fractal_farm.catalogue.shards import group_metadata
 from fractal_farm.catalogue.verify import LEVELS, Remakers, content, repair, verify
+from fractal_farm.catalogue.verify import contents as contents_of
 from fractal_farm.catalogue.verify.bit_flips import flipped, unflipped
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError
@@ -216,6 +217,51 @@ def test_a_lost_part_grows_again_when_the_run_is_resumed(grown, root, lost):
     assert ended.digest == Catalogue.open(grown).digest()
     assert ended.progress.epochs == 8
     assert verify(root, "deep").findings == ()
+
+
+PUTTING = """
+import sys, time
+from pathlib import Path
+from fractal_farm.catalogue import Catalogue, run_ids, run_lock
+root = Path(sys.argv[1])
+catalogue = Catalogue.open(root)
+with run_lock(root, run_ids(root)[0]):
+    print("live", flush=True)
+    for number in range(100_000):
+        catalogue.add_solid(f"{number:032x}", "30x08", {"solid.json": b"{}", "solid.stl": bytes(2000)})
+"""
+
+
+def test_solids_that_are_being_put_are_no_findings(root):
+    with subprocess.Popen([sys.executable, "-c", PUTTING, str(root)], stdout=subprocess.PIPE) as putting:
+        try:
+            putting.stdout.readline()
+            solids = []
+            for _ in range(25):
+                assert verify(root, "full").findings == ()
+                solids.append(sum(1 for _ in (root / "solids").iterdir()))
+        finally:
+            putting.kill()
+    assert solids[-1] > solids[0]
+
+
+def test_a_run_that_ends_while_it_is_looked_at_is_sound(root, monkeypatch):
+    ends = {path: path.read_bytes() for path in root.glob("runs/*/final*")}
+    part = sorted((root / "manifest/designs").iterdir())[-1]
+    last = part.read_bytes()
+    for path in (part, *ends):
+        path.unlink()
+    walk = contents_of._walk
+
+    def meanwhile(contents):
+        part.write_bytes(last)
+        for path, end in ends.items():
+            path.write_bytes(end)
+        walk(contents)
+
+    monkeypatch.setattr(contents_of, "_walk", meanwhile)
+    with run_lock(root, next(iter(ends)).parent.name):
+        assert verify(root, "full").findings == ()
 
 
 def test_what_a_killed_process_leaves_is_noted_but_is_no_damage(root):
