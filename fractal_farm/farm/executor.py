@@ -79,19 +79,21 @@ class NoRoom:
 
 
 @dataclass(frozen=True)
-class Killed:
-    """A worker that stood still was killed; what it worked on will be told as lost, or is done again already.
+class Trouble:
+    """Something went wrong beside the work, and was handled.
 
     Attributes:
-        worker: what it was.
-        cause: why it was killed.
+        where: what it concerns.
+        cause: what happened.
+        remedy: what was done about it.
     """
 
-    worker: str
+    where: str
     cause: str
+    remedy: str
 
 
-Finished = EpochDone | PartDone | MeshDone | WorkLost | NoRoom | Killed
+Finished = EpochDone | PartDone | MeshDone | WorkLost | NoRoom | Trouble
 
 
 class Executor(Protocol):

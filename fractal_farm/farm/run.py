@@ -35,10 +35,10 @@ from fractal_farm.farm.executor import (
     EpochDone,
     Executor,
     Finished,
-    Killed,
     MeshDone,
     NoRoom,
     PartDone,
+    Trouble,
     WorkLost,
 )
 from fractal_farm.farm.limits import fraction_done, kept, patience_s, reached, totals_after
@@ -208,8 +208,8 @@ class Run:
             self._take_receipt(item)
         elif isinstance(item, NoRoom):
             self._wait_for_room(item)
-        elif isinstance(item, Killed):
-            self._announce(Fault(item.worker, item.cause, "it is killed, and its work done again"))
+        elif isinstance(item, Trouble):
+            self._announce(Fault(item.where, item.cause, item.remedy))
         elif isinstance(item, MeshDone):
             self._room.accept()
             self._meshing -= 1

@@ -245,6 +245,21 @@ def test_solids_that_are_being_put_are_no_findings(root):
     assert solids[-1] > solids[0]
 
 
+def test_a_solid_that_is_finished_while_it_is_looked_at_is_sound(root, monkeypatch):
+    partial = root / "solids" / ("0" * 32) / ".30x08.1f.partial"
+    partial.mkdir(parents=True)
+    walk = os.walk
+
+    def meanwhile(top, **options):
+        for place, folders, names in walk(top, **options):
+            if partial.name in folders:
+                partial.rmdir()
+            yield place, folders, names
+
+    monkeypatch.setattr(contents_of.os, "walk", meanwhile)
+    assert verify(root, "full").findings == ()
+
+
 def test_a_run_that_ends_while_it_is_looked_at_is_sound(root, monkeypatch):
     ends = {path: path.read_bytes() for path in root.glob("runs/*/final*")}
     part = sorted((root / "manifest/designs").iterdir())[-1]

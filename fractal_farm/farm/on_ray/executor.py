@@ -35,10 +35,10 @@ from fractal_farm.farm.executor import (
     Evaluate,
     Finished,
     Inbox,
-    Killed,
     MeshDone,
     NoRoom,
     PartDone,
+    Trouble,
     WorkLost,
 )
 from fractal_farm.farm.on_ray.session import Cluster
@@ -57,6 +57,8 @@ from fractal_farm.farm.work import (
 
 # What says that a process, a node or its memory is gone, and not that the work itself is at fault.
 _LOST = (RayActorError, WorkerCrashedError, OutOfMemoryError, NodeDiedError, ObjectLostError)
+_AGAIN = "it is killed, and its work done again"
+_SPILLED = "the results are the same; /tmp/ray needs room"
 _MESH_NICENESS = 10
 _MESH_WORKERS = 4
 _WARM_UP_SECONDS = 600.0
@@ -229,9 +231,8 @@ class RayExecutor:
     def wait(self, timeout_s: float) -> list[Finished]:
         """Whatever is ready, without regard to order."""
         with self._watched():
-            killed: list[Finished] = [Killed(f"worker {title}", "it stood still") for title in self._wardens.killed()]
-            if killed:
-                return killed
+            if troubles := self._troubles():
+                return troubles
             if not self._pending:
                 time.sleep(timeout_s)
                 return []
@@ -255,7 +256,7 @@ class RayExecutor:
             call = _EVALUATE.remote(self._evaluate, candidates, self._config)
             while not ray.wait([call], timeout=1.0)[0]:
                 self._check_cluster()
-                self._wardens.killed()
+                self._wardens.sightings()
                 if time.monotonic() > deadline:
                     raise FarmError(
                         f"{self._cluster.name()}: no worker has evaluated anything for {_WARM_UP_SECONDS:.0f} s; "
@@ -312,6 +313,14 @@ class RayExecutor:
         island, epoch = what
         self._memory[island] = epoch
         return EpochDone(*result)
+
+    def _troubles(self) -> list[Finished]:
+        found: list[Finished] = []
+        for sighting in self._wardens.sightings():
+            found += [Trouble(f"worker {title}", "it stood still", _AGAIN) for title in sighting.killed]
+            if sighting.spilled:
+                found.append(Trouble("object store", "it was full, and Ray wrote objects to the disk", _SPILLED))
+        return found
 
     def _dismiss(self, error: Exception, kind: str, what: Any) -> None:
         """Forget the actor that was lost: what comes next gets a new one. It may live on, out of reach."""

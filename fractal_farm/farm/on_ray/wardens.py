@@ -3,13 +3,17 @@
 Ray notices processes that die and machines that do not answer, but waits for ever for a process that does nothing. A
 warden on every node looks at the workers of its node. Who stands still while it should work is killed, and the rest
 is what follows every death: the work is done again. Time is counted in looks and in the worker's own processor time,
-not by a clock, so that a slow, loaded or suspended machine is no reason to kill anybody.
+not by a clock, so that a slow, loaded or suspended machine is no reason to kill anybody. Wardens also tell when objects
+of their node were spilled to the disk, which Ray does in silence.
 """
 
 from __future__ import annotations
 
+import contextlib
+import re
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import psutil
@@ -21,8 +25,24 @@ LOOK_SECONDS = 5.0
 LOOKS = 6
 _UNANSWERED_SECONDS = 30.0
 # Ray's titles of processes that work for the farm, or are about to. Only an evaluation computes all the time.
-_OURS = ("evaluate_batch", "trial", "Island", "Writer", "Mesher", "Warden", "IDLE")
+_OURS = ("evaluate_batch", "trial", "Island", "Writer", "Mesher", "IDLE")
 _COMPUTES = "evaluate_batch"
+_SPILLS = re.compile(r"cumulative spill requests: (\d+)")
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What a warden has seen at one look.
+
+    Attributes:
+        killed: titles of processes that stood still and were killed.
+        spilled: objects were spilled to the disk since the last look.
+        nodes: ids of the cluster's living nodes.
+    """
+
+    killed: list[str]
+    spilled: bool
+    nodes: list[str]
 
 
 class Warden:
@@ -31,9 +51,10 @@ class Warden:
     def __init__(self, looks: int) -> None:
         self._looks = looks
         self._seen: dict[psutil.Process, tuple[Any, int]] = {}
+        self._spills = _spills()
 
-    def look(self) -> tuple[list[str], list[str]]:
-        """The titles of processes that were killed now, and the ids of the cluster's living nodes."""
+    def look(self) -> Sighting:
+        """One look."""
         killed = []
         seen = {}
         for process in psutil.Process().parent().children():
@@ -49,7 +70,9 @@ class Warden:
             except psutil.Error:
                 continue  # it has ended meanwhile
         self._seen = seen
-        return killed, [entry["NodeID"] for entry in ray.nodes() if entry["Alive"]]
+        before, self._spills = self._spills, _spills()
+        nodes = [entry["NodeID"] for entry in ray.nodes() if entry["Alive"]]
+        return Sighting(killed, self._spills > before, nodes)
 
 
 def _title(process: psutil.Process) -> str:
@@ -67,6 +90,15 @@ def _standing_still(process: psutil.Process, title: str) -> Any:
     if title == _COMPUTES:
         return next(thread for thread in process.threads() if thread.id == process.pid)  # Ray's own threads never rest
     return None
+
+
+def _spills() -> int:
+    """How often this node's object store has spilled; the raylet writes it down every ten seconds."""
+    node: Any = ray._private.worker._global_node
+    with contextlib.suppress(OSError, AttributeError):
+        state = Path(node.get_logs_dir_path()) / "debug_state.txt"
+        return sum(map(int, _SPILLS.findall(state.read_text())))
+    return 0
 
 
 _WARDEN: Any = ray.remote(num_cpus=0, max_restarts=0)(Warden)
@@ -90,17 +122,17 @@ class Wardens:
         self._nodes = [self._here]
         self._next = 0.0
 
-    def killed(self) -> list[str]:
-        """Titles of processes that stood still and were killed since the last call; it does not wait."""
+    def sightings(self) -> list[Sighting]:
+        """What they have seen since the last call; it does not wait."""
         now = time.monotonic()
         if now < self._next:
             return []
         self._next = now + LOOK_SECONDS
-        found: list[str] = []
+        found: list[Sighting] = []
         for node in self._nodes:
             post = self._posts.get(node)
             if post is None or (post.answer is not None and now - post.asked > _UNANSWERED_SECONDS):
-                # One that stands still itself is found by its successor.
+                # One that stands still itself is replaced, and ended by Ray when its handle is gone.
                 place = NodeAffinitySchedulingStrategy(node, soft=False)
                 post = self._posts[node] = _Post(_WARDEN.options(scheduling_strategy=place).remote(LOOKS))
             found += self._heard(node, post)
@@ -114,15 +146,15 @@ class Wardens:
             ray.kill(post.actor)
         self._posts.clear()
 
-    def _heard(self, node: str, post: _Post) -> list[str]:
+    def _heard(self, node: str, post: _Post) -> list[Sighting]:
         if post.answer is None or not ray.wait([post.answer], timeout=0)[0]:
             return []
         try:
-            killed, nodes = ray.get(post.answer)
+            sighting: Sighting = ray.get(post.answer)
         except RayError:  # it died, or its node
             del self._posts[node]
             return []
         post.answer = None
         if node == self._here:
-            self._nodes = nodes
-        return list(killed)
+            self._nodes = sighting.nodes
+        return [sighting]
