@@ -13,6 +13,7 @@ import typer
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
 from fractal_farm.cli.output import AsJson, duration, print_facts, print_json, results_only_on_stdout, say
 from fractal_farm.errors import InputError
+from fractal_farm.farm.interrupts import listening
 
 if TYPE_CHECKING:
     from fractal_farm.farm import RunSummary
@@ -48,6 +49,7 @@ RunOption = Annotated[
 ]
 
 
+@listening()
 def submit(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the run.")],
     out: Annotated[
@@ -87,6 +89,7 @@ def submit(
     return _report(summary, as_json)
 
 
+@listening()
 def resume(
     directory: DirectoryArgument,
     run: RunOption = None,
