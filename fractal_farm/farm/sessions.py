@@ -29,7 +29,7 @@ from fractal_farm.errors import FarmError, InputError, StorageFullError
 from fractal_farm.farm.event_log import EventLog
 from fractal_farm.farm.events import Announcer, Callback, Fault, RunEnded, RunStarted
 from fractal_farm.farm.executor import ClusterLostError
-from fractal_farm.farm.interrupts import interrupts
+from fractal_farm.farm.interrupts import heed, interrupts
 from fractal_farm.farm.preflight import check_disk
 from fractal_farm.farm.report import write_report
 from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
@@ -99,6 +99,7 @@ def submit(
     _check_target(out, config, into)
     check_disk(config, out)
     with workforce(config) as workers:
+        heed()
         description = {"config": config.to_dict(), "versions": _versions()}
         begin_run(out, config.run_id, description, config.catalogue.durability, into=into)
         return _session(config, out, workers, callbacks)
