@@ -130,7 +130,7 @@ def _foreseen(candidates: Candidates, config: EvolutionConfig) -> Scores:
     from fractal_farm.fitness import foresee
 
     least = config.niches.expected_fitness or 0.0
-    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), _formula(config), least)
+    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), fitness_formula(config), least)
     scores = Scores.unknown(len(found.d0))
     for name, column in (("d0", found.d0), ("d2", found.d2), ("fitness", found.fitness)):
         scores.values[:, SCORE_FIELDS.index(name)] = column
@@ -146,7 +146,7 @@ def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
         candidates.n_maps,
         config.phenotype.phenotype(),
         config.phenotype.points,
-        _formula(config),
+        fitness_formula(config),
         described_from=config.qualified,
     )
     gaps = np.full(len(result.fitness), np.nan)
@@ -154,7 +154,8 @@ def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
     return Scores(values, result.refusal, result.descriptor)
 
 
-def _formula(config: EvolutionConfig) -> FitnessFormula:
+def fitness_formula(config: EvolutionConfig) -> FitnessFormula:
+    """Eq 3.7 with the constants of a run."""
     from fractal_farm.fitness import FitnessFormula
 
     constants = config.fitness

@@ -139,6 +139,12 @@ def _compared_numbers(
 ) -> Iterator[Finding]:
     if not rows:
         return
+    scored_by = part.footer.fitness
+    if scored_by is not None and (formula is None or formula.identity != scored_by):
+        ours = "a configuration that this version does not know" if formula is None else formula.identity
+        problem = f"scored by another version of the fitness ({scored_by}, here {ours}); scores not compared"
+        yield Finding(part.key, "row", problem, "verify with the version that scored it", damage=False)
+        formula = None
     again = recomputed(rows, genomes, formula)
     for name in dict.fromkeys(name for numbers in again for name in numbers):
         pairs = zip(rows, again, strict=True)
