@@ -2,11 +2,13 @@
 
     zarr.json                                   root group; attribute `fractal_farm` says format and features
     runs/<run_id>/                              run.json, lock, final~<n>~<crc32c>.json
+    runs/hand/                                  judgement~<n>~<crc32c>.json; no run, but what people do
     clouds/<writer>/{points,transform,design_id}/     Zarr v3 arrays, one chunk file of each a commit
     manifest/designs/<writer>~<seq>~<rows>~<crc32c>.parquet     one file = one commit
     manifest/mendings/<hex>~<crc32c>.json       checksums of cloud files that a repair grew again with other bytes
     snapshots/<run_id>~<epoch>~<crc32c>.snapshot
     solids/<design_id>/<parameters hash>/       a finished solid, with solid.json
+    identity.json                               which catalogue this is, once it has a mirror (`mirror`)
     catalogue.png, report.html, logs/, index/   can be made again, or lost
     quarantine/                                 what a repair moved aside; never read, never deleted
 
@@ -28,11 +30,15 @@ FORMAT = "1.0"
 FEATURES: frozenset[str] = frozenset()
 
 RUNS = "runs"
+HAND = "hand"
+"""The pseudo-run of what people do: judgements, and designs that they made."""
 CLOUDS = "clouds"
 DESIGNS = "manifest/designs"
 MENDINGS = "manifest/mendings"
 SNAPSHOTS = "snapshots"
 SOLIDS = "solids"
+IDENTITY = "identity.json"
+INDEX = "index"
 QUARANTINE = "quarantine"
 
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")

@@ -15,7 +15,21 @@ from typing import Annotated
 import typer
 
 from fractal_farm import __version__
-from fractal_farm.cli import bench, catalogue_commands, design_commands, doctor, jobs, run_commands, status, verify
+from fractal_farm.cli import (
+    bench,
+    catalogue_commands,
+    design_commands,
+    doctor,
+    experiment,
+    hand_commands,
+    jobs,
+    likeness_commands,
+    lineage,
+    mirror,
+    run_commands,
+    status,
+    verify,
+)
 from fractal_farm.errors import FarmError, InputError
 
 app = typer.Typer(
@@ -35,12 +49,24 @@ app.command("report")(status.report)
 app.add_typer(jobs.app, name="jobs")
 app.command("list")(catalogue_commands.list_designs)
 app.command("show")(catalogue_commands.show)
+app.command("similar")(likeness_commands.similar)
+app.command("prototypes")(likeness_commands.prototypes)
+app.command("diff")(likeness_commands.diff)
+app.command("lineage")(lineage.lineage)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
+app.command("rate")(hand_commands.rate)
+app.command("preference")(hand_commands.preference)
+app.command("breed")(hand_commands.breed)
+app.command("keep")(hand_commands.keep)
 app.command("verify")(verify.verify)
+app.command("mirror")(mirror.mirror)
+app.command("fetch")(mirror.fetch)
+app.command("reproduce")(verify.reproduce)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
+app.add_typer(experiment.app, name="experiment")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

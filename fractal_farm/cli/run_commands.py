@@ -84,9 +84,9 @@ def submit(
         _only_on_a_cluster(executor)
         return _detached(jobs.detach(run, str(out or Path("runs") / run.name), address, into), address, as_json)
     directory = out if out is not None else Path("runs") / run.name
-    with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
+    with saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.submit(run, directory, address=address, executor=_name(executor), into=into, callbacks=[display])
-    return _report(summary, as_json)
+    return report_end(summary, as_json)
 
 
 @listening()
@@ -111,7 +111,7 @@ def resume(
 
         _only_on_a_cluster(executor)
         return _detached(jobs.detach_resume(str(directory), run, overrides or (), address), address, as_json)
-    with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
+    with saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.resume(
             directory,
             run=run,
@@ -120,7 +120,7 @@ def resume(
             executor=_name(executor),
             callbacks=[display],
         )
-    return _report(summary, as_json)
+    return report_end(summary, as_json)
 
 
 def stop(directory: DirectoryArgument, run: RunOption = None) -> None:
@@ -153,7 +153,7 @@ def _name(executor: ExecutorName | None) -> str | None:
 
 
 @contextlib.contextmanager
-def _saying_how_to_resume(directory: Path) -> Iterator[None]:
+def saying_how_to_resume(directory: Path) -> Iterator[None]:
     """A second Ctrl-C ends the process at once; what was committed stays."""
     try:
         yield
@@ -163,7 +163,8 @@ def _saying_how_to_resume(directory: Path) -> Iterator[None]:
         raise
 
 
-def _report(summary: RunSummary, as_json: bool) -> int:
+def report_end(summary: RunSummary, as_json: bool) -> int:
+    """Print how a session ended; the exit code."""
     ended = summary.ended
     say(f"go on with: farm resume {summary.path}" if ended.interrupted else f"the best: farm list {summary.path}")
     if as_json:
@@ -181,7 +182,21 @@ def _report(summary: RunSummary, as_json: bool) -> int:
             "meshes": f"{ended.meshes} made now{failed}" + (f", in {summary.path / 'solids'}" if ended.meshes else ""),
             "picture": summary.sheet,
             "report": summary.path / "report.html",
+            "mirror": _mirror(summary),
             "digest": ended.digest,
         }
     )
     return summary.exit_code
+
+
+def _mirror(summary: RunSummary) -> str | None:
+    """Where the mirror is and what it lacks."""
+    mirror = summary.mirror
+    if mirror is None:
+        return None
+    if mirror.cause is None:
+        return f"{mirror.url}, complete"
+    return (
+        f"{mirror.url} is {mirror.files:,} {'file' if mirror.files == 1 else 'files'} behind ({mirror.cause}); "
+        f"bring it up to date with: farm mirror {summary.path} {mirror.url}"
+    )

@@ -9,7 +9,19 @@ from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.durable import PARTIAL, is_being_filled
 from fractal_farm.catalogue.fence import FENCE
 from fractal_farm.catalogue.fence import is_whole as is_whole_fence
-from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, MENDINGS, RUNS, SNAPSHOTS, SOLIDS, crc32c, part_name
+from fractal_farm.catalogue.judging import missing_numbers
+from fractal_farm.catalogue.layout import (
+    CLOUDS,
+    DESIGNS,
+    HAND,
+    IDENTITY,
+    MENDINGS,
+    RUNS,
+    SNAPSHOTS,
+    SOLIDS,
+    crc32c,
+    part_name,
+)
 from fractal_farm.catalogue.runs import LOCK, is_whole_lock
 from fractal_farm.catalogue.shards import ROOT, SHARD, is_root_document, root_documents
 from fractal_farm.catalogue.solids import CHECKSUMS
@@ -29,6 +41,7 @@ def structure_findings(contents: Contents) -> Iterator[Finding]:
     """What names, sizes and small documents tell; fills in `contents.runs`."""
     yield from _roots(contents)
     yield from _runs(contents)
+    yield from _judgements(contents)
     yield from _epochs(contents)
     yield from _clouds(contents)
     yield from _solids(contents)
@@ -56,6 +69,11 @@ def _roots(contents: Contents) -> Iterator[Finding]:
         if isinstance(content, str) or not is_root_document(key, content):
             problem = content if isinstance(content, str) else "damaged: its checksum does not match"
             yield Finding(key, "root", problem, "`farm verify --repair` writes it again")
+    if IDENTITY in contents.sizes.keys() | contents.directories:
+        content = contents.read(IDENTITY)
+        if isinstance(content, str) or opened_document(content) is None:
+            problem = content if isinstance(content, str) else "damaged: its checksum does not match"
+            yield Finding(IDENTITY, "run", problem, "`farm verify --repair` mends it if it is one flipped bit")
 
 
 def _runs(contents: Contents) -> Iterator[Finding]:
@@ -69,7 +87,7 @@ def _runs(contents: Contents) -> Iterator[Finding]:
             continue
         content = contents.read(key)
         if isinstance(content, str):
-            if run_id in wanted or content != "missing":
+            if (run_id in wanted and run_id != HAND) or content != "missing":
                 remedy = "restore it from a copy; without it the run cannot be resumed"
                 yield Finding(key, "run", content, remedy)
             continue
@@ -89,6 +107,14 @@ def _runs(contents: Contents) -> Iterator[Finding]:
             if found[1] not in contents.live and (isinstance(content, str) or not whole(content)):
                 problem = content if isinstance(content, str) else "damaged: its checksum does not match"
                 yield Finding(key, "leftover", problem, "`farm resume` or `farm verify --repair` writes it again")
+
+
+def _judgements(contents: Contents) -> Iterator[Finding]:
+    """Judgements are numbered without gaps."""
+    folder = f"{RUNS}/{HAND}/"
+    for number in missing_numbers([key.removeprefix(folder) for key in contents.sizes if key.startswith(folder)]):
+        remedy = "restore it from a copy; `farm verify --repair` closes the gap"
+        yield Finding(f"{folder}judgement~{number:08d}", "judgement", "missing", remedy)
 
 
 def _epochs(contents: Contents) -> Iterator[Finding]:
