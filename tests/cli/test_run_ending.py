@@ -140,7 +140,7 @@ def test_what_was_lost_before_a_run_ends_it() -> None:
 def test_a_signal_while_ray_starts_leaves_no_traceback(tmp_path: Path, delay_s: float, number: int) -> None:
     arguments = [word for word in submit_arguments(tmp_path / "run") if word not in ("--executor", "serial")]
     run = start(*arguments, *ENDLESS)
-    while sum(psutil.Process(run.pid).cpu_times()[:2]) < 0.5:
+    while run.poll() is None and sum(psutil.Process(run.pid).cpu_times()[:2]) < 0.5:
         time.sleep(0.01)  # Python itself, and our own modules, are there now, however busy the machine is
     time.sleep(delay_s)
     if number == signal.SIGINT:
