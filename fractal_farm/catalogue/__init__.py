@@ -3,7 +3,9 @@
 `RunWriter` commits designs, `Catalogue` reads them; `layout` draws the tree.
 """
 
+from fractal_farm.catalogue.beginning import begin_run, is_unbegun, what_is_there
 from fractal_farm.catalogue.clouds import DenseClouds
+from fractal_farm.catalogue.judging import Judgement, judge, judgements, with_judgements, withdraw
 from fractal_farm.catalogue.reader import Catalogue, Usage
 from fractal_farm.catalogue.records import committed_records, latest_snapshot, remove_orphans, write_snapshot
 from fractal_farm.catalogue.rows import design_table
@@ -24,13 +26,18 @@ __all__ = [
     "Catalogue",
     "CommitReceipt",
     "DenseClouds",
+    "Judgement",
     "RunInfo",
     "RunWriter",
     "SolidInfo",
     "Usage",
+    "begin_run",
     "committed_records",
     "create_run",
     "design_table",
+    "is_unbegun",
+    "judge",
+    "judgements",
     "latest_snapshot",
     "read_run",
     "record_end",
@@ -39,5 +46,8 @@ __all__ = [
     "run_ids",
     "run_is_live",
     "run_lock",
+    "what_is_there",
+    "with_judgements",
+    "withdraw",
     "write_snapshot",
 ]

@@ -2,6 +2,7 @@
 
     zarr.json                                   root group; attribute `fractal_farm` says format and features
     runs/<run_id>/                              run.json, lock, final~<n>~<crc32c>.json
+    runs/hand/                                  judgement~<n>~<crc32c>.json; no run, but what people do
     clouds/<writer>/{points,transform,design_id}/     Zarr v3 arrays, one chunk file of each a commit
     manifest/designs/<writer>~<seq>~<rows>~<crc32c>.parquet     one file = one commit
     manifest/mendings/<hex>~<crc32c>.json       checksums of cloud files that a repair grew again with other bytes
@@ -29,6 +30,8 @@ FORMAT = "1.0"
 FEATURES: frozenset[str] = frozenset()
 
 RUNS = "runs"
+HAND = "hand"
+"""The pseudo-run of what people do: judgements, and designs that they made."""
 CLOUDS = "clouds"
 DESIGNS = "manifest/designs"
 MENDINGS = "manifest/mendings"

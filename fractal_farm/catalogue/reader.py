@@ -21,19 +21,20 @@ import pyarrow.compute as pc
 from fractal_farm.catalogue.clouds import CLOUD_COLUMNS, CloudArrays, DenseClouds
 from fractal_farm.catalogue.digest import DIGEST_COLUMNS, content_digest
 from fractal_farm.catalogue.durable import put
-from fractal_farm.catalogue.layout import FEATURES, FORMAT, PartName
+from fractal_farm.catalogue.layout import FEATURES, FORMAT, HAND, PartName, belongs_to
 from fractal_farm.catalogue.parts import list_parts, read_rows
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
-from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH, PLANTED
 from fractal_farm.catalogue.shards import ATTRIBUTE, ROOT, root_documents
 from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.genome import Genome
 
 _SHORTEST_PREFIX = 4
-_RANK = ("design_id", "kind", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
-"""Of rows with equal design_id the first in this order stands; a design comes before an ancestor."""
+_RANK = ("design_id", "kind", "operator", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
+"""Of rows with equal design_id the first in this order stands; a design comes before an ancestor, and what was bred
+before what was planted: the founder of one run is a child of another. Designs made by hand have no place of birth."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,12 @@ class Catalogue:
         return cls(root)
 
     def designs(
-        self, columns: Sequence[str] | None = None, run_id: str | None = None, *, ancestors: bool = False
+        self,
+        columns: Sequence[str] | None = None,
+        run_id: str | None = None,
+        *,
+        ancestors: bool = False,
+        by_hand: bool = True,
     ) -> Any:
         """The designs committed so far, each once, best first.
 
@@ -120,6 +126,7 @@ class Catalogue:
             columns: names of `schema.DESIGN_SCHEMA`; all if None.
             run_id: only designs that this run kept.
             ancestors: also parents of designs that were not kept themselves (kind "ancestor").
+            by_hand: also designs that somebody made (run "hand").
 
         Returns:
             pyarrow Table, sorted by (-fitness, design_id). Of equal design_ids the row smallest in (epoch,
@@ -132,7 +139,7 @@ class Catalogue:
         wanted = list(DESIGN_SCHEMA.names if columns is None else columns)
         if unknown := [name for name in wanted if name not in DESIGN_SCHEMA.names]:
             raise InputError(f"no column {', '.join(unknown)}; the columns are {', '.join(DESIGN_SCHEMA.names)}")
-        parts = list_parts(self.path, run_id)
+        parts = [part for part in list_parts(self.path, run_id) if by_hand or not belongs_to(part.writer, HAND)]
         table = self._rows(parts, [*dict.fromkeys([*wanted, *_RANK, "fitness"])])
         standing = _first_of_each(table)
         if not ancestors:
@@ -189,8 +196,11 @@ class Catalogue:
         return DenseClouds(self._arrays, self.designs(CLOUD_COLUMNS, run_id).slice(0, limit))
 
     def digest(self, run_id: str | None = None) -> str:
-        """The content digest, 32 hex digits: equal for equal results, however they came about; ancestors count."""
-        return content_digest(self.designs(DIGEST_COLUMNS, run_id, ancestors=True))
+        """The content digest, 32 hex digits: equal for equal results, however they came about.
+
+        Ancestors count; what people did by hand does not.
+        """
+        return content_digest(self.designs(DIGEST_COLUMNS, run_id, ancestors=True, by_hand=False))
 
     def runs(self) -> list[RunInfo]:
         """The runs of this catalogue, in order of their ids."""
@@ -273,6 +283,8 @@ class Catalogue:
 
 def _first_of_each(table: Any) -> Any:
     """Indices of the rows that stand, one for each design_id, in order of design_id."""
+    planted = pc.equal(table.column("operator"), PLANTED)
+    table = table.set_column(table.column_names.index("operator"), "operator", planted)
     order = pc.sort_indices(table, [(name, "descending" if name == "kind" else "ascending") for name in _RANK])
     ids = np.array(table.column("design_id").to_pylist(), "S32")[order.to_numpy()]
     first = np.ones(len(ids), bool)

@@ -85,6 +85,8 @@ OPTIONAL = frozenset({"niche", "gap", "similarity_dimension", "descriptor", "d0_
 """Columns that a commit may leave out; they become null."""
 
 KINDS = ("design", "ancestor")
+PLANTED = "seed"
+"""Operator of a design that was not bred in the run but given to it."""
 ORDER_OF_BIRTH = ("epoch", "island", "generation", "slot")
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, write_file
+from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, say, write_file
 from fractal_farm.errors import InputError
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
@@ -17,6 +17,8 @@ DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Director
 DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
 
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
+_JUDGED_COLUMNS = ("stars", "favourite")
+_PREFERENCE = "preference"
 _TABLE_ROWS = 20
 
 
@@ -53,18 +55,26 @@ def list_designs(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List designs, filtered and sorted."""
-    from fractal_farm.catalogue import Catalogue
+    """List designs, filtered and sorted.
+
+    Beside the columns of the manifest there are stars and favourite, and preference, the stars that farm preference
+    expects: --where "stars >= 4 or favourite", --sort preference.
+    """
+    from fractal_farm.catalogue import Catalogue, with_judgements
 
     form = Format.JSON if as_json else form
     if form is Format.PARQUET and output is None and sys.stdout.isatty():
         raise InputError("--format parquet: not for a terminal; give a file with --output")
-    table = _selected(Catalogue.open(directory).designs(ancestors=ancestors), where, sort)
+    table = with_judgements(directory, Catalogue.open(directory).designs(ancestors=ancestors))
+    if any(_PREFERENCE in (words or "") for words in (where, sort, columns)):
+        table = _with_preference(directory, table)
+    sort = f"{sort} desc" if sort.strip() == _PREFERENCE else sort
+    table = _selected(table, where, sort)
     total = table.num_rows
     if form is Format.TABLE and limit is None:
         limit = _TABLE_ROWS
     table = table.slice(0, limit) if limit is not None else table
-    table = table.select(_chosen(columns, form, table.column_names))
+    table = table.select(_chosen(columns, form, table))
     if form is Format.TABLE and output is None:
         print_table(table.column_names, [list(row.values()) for row in table.to_pylist()])
         typer.echo(f"{table.num_rows} of {total} designs", err=True)
@@ -80,7 +90,8 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Show one design: genome, scores, lineage, files."""
-    from fractal_farm.catalogue import Catalogue
+    from fractal_farm.catalogue import Catalogue, judgements
+    from fractal_farm.catalogue.layout import HAND
     from fractal_farm.ifs.genome import GENE_NAMES, ROW_LENGTH
 
     catalogue = Catalogue.open(directory)
@@ -89,12 +100,15 @@ def show(
     genes = [row["genes"][k : k + width] for k in range(0, len(row["genes"]), width)]
     maps = [row["maps"][k : k + 12] for k in range(0, len(row["maps"]), 12)]
     files = _files(catalogue, row)
+    judgement = judgements(directory).get(row["design_id"])
     if as_json:
-        print_json({**row, "genes": genes, "maps": maps, "files": files})
+        judged = {"stars": judgement and judgement.stars, "favourite": bool(judgement and judgement.favourite)}
+        print_json({**row, **judged, "genes": genes, "maps": maps, "files": files})
         return
     print_facts(
         {
             "design": row["design_id"],
+            "judgement": judgement and str(judgement),
             "fitness": row["fitness"],
             "D0": _with_error(row["d0"], row["d0_error"]),
             "D2": _with_error(row["d2"], row["d2_error"]),
@@ -103,7 +117,9 @@ def show(
             "gap": row["gap"],
             "parents": row["parents"] or "none",
             "operator": row["operator"],
-            "born": f"run {row['run_id']}, island {row['island']}, epoch {row['epoch']}, "
+            "born": "by hand"
+            if row["run_id"] == HAND
+            else f"run {row['run_id']}, island {row['island']}, epoch {row['epoch']}, "
             f"generation {row['generation']}, slot {row['slot']}",
             "phenotype": f"{row['family']}, {row['map_form']}, rotation sign {row['rotation_sign']}, "
             f"influence {row['influence']:g}",
@@ -117,6 +133,16 @@ def show(
         ["map", "P", *names],
         [[k, p, *gene] for k, (p, gene) in enumerate(zip(row["probabilities"], genes, strict=True), start=1)],
     )
+
+
+def _with_preference(directory: Path, table: Any) -> Any:
+    """The table with the stars that each design would get, and a word about how far that is to be trusted."""
+    from fractal_farm.hand.preference import preference_of, with_preference
+
+    model = preference_of(directory)
+    if not model.useful:
+        say(f"preference: {model.verdict} (farm preference {directory})")
+    return with_preference(table, model)
 
 
 def _selected(table: Any, where: str | None, sort: str) -> Any:
@@ -143,9 +169,15 @@ def _selected(table: Any, where: str | None, sort: str) -> Any:
         raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values") from None
 
 
-def _chosen(columns: str | None, form: Format, known: list[str]) -> list[str]:
+def _chosen(columns: str | None, form: Format, table: Any) -> list[str]:
+    """The columns to show; a short table has those of judgements once there are any."""
+    known: list[str] = table.column_names
+    if columns is None and form is not Format.TABLE:
+        return known
     if columns is None:
-        return [name for name in _SHORT_COLUMNS if name in known] if form is Format.TABLE else known
+        judged = table.column("stars").null_count < len(table) or True in table.column("favourite").to_pylist()
+        ranked = [name for name in (_PREFERENCE,) if name in known]
+        return [*_SHORT_COLUMNS, *(_JUDGED_COLUMNS if judged else ()), *ranked]
     chosen = known if columns.strip() == "all" else [name.strip() for name in columns.split(",")]
     for name in chosen:
         if name not in known:

@@ -20,6 +20,8 @@ from fractal_farm.cli import (
     catalogue_commands,
     design_commands,
     doctor,
+    experiment,
+    hand_commands,
     jobs,
     likeness_commands,
     lineage,
@@ -54,12 +56,17 @@ app.command("lineage")(lineage.lineage)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
+app.command("rate")(hand_commands.rate)
+app.command("preference")(hand_commands.preference)
+app.command("breed")(hand_commands.breed)
+app.command("keep")(hand_commands.keep)
 app.command("verify")(verify.verify)
 app.command("mirror")(mirror.mirror)
 app.command("fetch")(mirror.fetch)
 app.command("reproduce")(verify.reproduce)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
+app.add_typer(experiment.app, name="experiment")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -23,6 +23,7 @@ from fractal_farm.farm.events import (
     Progress,
     RunEnded,
     RunStarted,
+    Steered,
 )
 
 _LIMITS = (
@@ -96,6 +97,9 @@ class RunView:
         elif isinstance(event, Draining):
             self.ending = "ending"
             return f"ending: {event.reason}; committing what is complete"
+        elif isinstance(event, Steered):
+            chosen = ", ".join(identity[:8] for identity in event.design_ids)
+            return f"steered: epochs {event.first} to {event.last} breed from {chosen}, too"
         elif isinstance(event, Fault):
             return f"{event.where}: {event.cause}; {event.remedy}"
         elif isinstance(event, RunEnded):

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _FAILURES_SHOWN = 5
 _ISLANDS_SHOWN = 16
+_STEERING_SHOWN = 5
 _SILENT_S = 120.0
 
 
@@ -156,11 +157,13 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         "meshes": f"{facts['meshes']:,}{failed}",
         "islands": _many(map(_island, facts["islands"]), _ISLANDS_SHOWN),
         "migration": _migration(facts),
+        "steering": _many(map(_steering, facts["steering"]), _STEERING_SHOWN),
         "failures": _many(map(_failure, facts["failures"]), _FAILURES_SHOWN) or "none",
         "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files, {byte_count(facts['free_bytes'])} free"
         + ("" if facts["min_free_bytes"] is None else f"; the run waits below {byte_count(facts['min_free_bytes'])}"),
         "forecast": _forecast(facts["forecast"]),
         "mirror": f"{facts['mirror']['url']}: {_behind(facts['mirror'])}" if facts["mirror"] else None,
+        "ends after": _limits(facts["stop"]),
         "time left": _left(facts),
         "digest": facts["digest"],
     }
@@ -212,6 +215,12 @@ def _behind(mirror: dict[str, Any]) -> str:
     return f"{mirror['files']:,} {'file' if mirror['files'] == 1 else 'files'} behind ({size}){why}"
 
 
+def _limits(stop: dict[str, Any]) -> str:
+    """The limits in force; whichever comes first ends the run."""
+    found = [f"{limit:,g} {name}" for name, limit in stop.items() if limit is not None]
+    return " or ".join(found) or "nothing but an interruption"
+
+
 def _island(island: dict[str, Any]) -> str:
     return (
         f"{island['island']}: epoch {island['epoch']}, best {island['best']:.3f}, "
@@ -229,6 +238,11 @@ def _migration(facts: dict[str, Any]) -> str | None:
         given = " + ".join(f"{number} from {source}" for source, number in island["received"].items())
         lines.append(f"to {island['island']}: {given}, {island['settled']} settled")
     return f"epochs {first} to {last}\n" + str(_many(iter(lines), _ISLANDS_SHOWN))
+
+
+def _steering(request: dict[str, Any]) -> str:
+    chosen = ", ".join(identity[:8] for identity in request["design_ids"])
+    return f"epochs {request['first']} to {request['last']} breed from {chosen}, too"
 
 
 def _failure(failure: dict[str, Any]) -> str:

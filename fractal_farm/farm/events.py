@@ -92,6 +92,15 @@ class Migration:
 
 
 @dataclass(frozen=True)
+class Steered:
+    """From epoch `first` to `last` all islands breed from these designs, too: somebody has asked for it."""
+
+    first: int
+    last: int
+    design_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class MeshFinished:
     """A solid is in the catalogue, which now has `done` of the `wanted` ones, or `failure` says why not."""
 
@@ -160,6 +169,7 @@ Event = (
     | EpochCompleted
     | PartCommitted
     | Migration
+    | Steered
     | MeshFinished
     | Fault
     | Paused

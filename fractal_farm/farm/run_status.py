@@ -18,6 +18,7 @@ import pyarrow.compute as pc
 
 from fractal_farm.catalogue import Catalogue, run_is_live
 from fractal_farm.catalogue.mirror import read_state
+from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.errors import FarmError
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.history import STATISTICS, Commit, RunHistory, Sample, standing_designs
@@ -85,6 +86,7 @@ class RunMonitor:
             waits: why the run waits at the moment, or None;
             mirror: of the catalogue (url, files and bytes that it lacked at the time `at`, cause), or None;
             migration_epochs (first and last epoch that `received` covers);
+            steering (first, last, design_ids), one for each request that the run is bound to;
             failures (where, cause, remedy, count, last: seconds since 1970);
             files, bytes, free_bytes, min_free_bytes (the run ends below it);
             stop (limits in force), left_s and left_until (the limit that comes first), None where nothing is known;
@@ -104,7 +106,7 @@ class RunMonitor:
         usage = catalogue.usage()
         rows = standing_designs(history.rows())
         started: dict[str, Any] = next((entry for entry in reversed(history.log) if entry["event"] == "RunStarted"), {})
-        stop = started.get("stop") or (history.config.stop.model_dump() if history.config else {})
+        stop = history.config.stop.model_dump() if history.config else started.get("stop") or {}
         samples = history.samples()
         state, reason = _state(history, live)
         left = time_left(samples, stop, now - _heard(history, now)) if state == "running" else None
@@ -136,6 +138,10 @@ class RunMonitor:
             "mirror": read_state(self._path),
             "islands": islands,
             "migration_epochs": window,
+            "steering": [
+                {"first": request.first, "last": request.last, "design_ids": list(request.design_ids)}
+                for request in _readable(lambda: steering_requests(self._path, self._run_id), damage) or ()
+            ],
             "failures": failures(history.log),
             "files": usage.files,
             "bytes": usage.bytes,
