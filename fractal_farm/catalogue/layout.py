@@ -8,6 +8,7 @@
     manifest/mendings/<hex>~<crc32c>.json       checksums of cloud files that a repair grew again with other bytes
     snapshots/<run_id>~<epoch>~<crc32c>.snapshot
     solids/<design_id>/<parameters hash>/       a finished solid, with solid.json
+    identity.json                               which catalogue this is, once it has a mirror (`mirror`)
     catalogue.png, report.html, logs/, index/   can be made again, or lost
     quarantine/                                 what a repair moved aside; never read, never deleted
 
@@ -36,6 +37,8 @@ DESIGNS = "manifest/designs"
 MENDINGS = "manifest/mendings"
 SNAPSHOTS = "snapshots"
 SOLIDS = "solids"
+IDENTITY = "identity.json"
+INDEX = "index"
 QUARANTINE = "quarantine"
 
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")

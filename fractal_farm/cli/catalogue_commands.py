@@ -14,6 +14,8 @@ from fractal_farm.errors import InputError
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
 
+DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
+
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
 _JUDGED_COLUMNS = ("stars", "favourite")
 _PREFERENCE = "preference"
@@ -43,6 +45,9 @@ def list_designs(
         str | None,
         typer.Option(help="Columns, with commas between; 'all' for every column.", show_default=False),
     ] = None,
+    ancestors: Annotated[
+        bool, typer.Option("--ancestors", help="Also parents that were not kept themselves (kind: ancestor).")
+    ] = False,
     form: Annotated[Format, typer.Option("--format", help="How to write them.")] = Format.TABLE,
     output: Annotated[
         Path | None,
@@ -60,7 +65,7 @@ def list_designs(
     form = Format.JSON if as_json else form
     if form is Format.PARQUET and output is None and sys.stdout.isatty():
         raise InputError("--format parquet: not for a terminal; give a file with --output")
-    table = with_judgements(directory, Catalogue.open(directory).designs())
+    table = with_judgements(directory, Catalogue.open(directory).designs(ancestors=ancestors))
     if any(_PREFERENCE in (words or "") for words in (where, sort, columns)):
         table = _with_preference(directory, table)
     sort = f"{sort} desc" if sort.strip() == _PREFERENCE else sort
@@ -81,7 +86,7 @@ def list_designs(
 
 def show(
     directory: DirectoryArgument,
-    design: Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")],
+    design: DesignArgument,
     as_json: AsJson = False,
 ) -> None:
     """Show one design: genome, scores, lineage, files."""
@@ -146,7 +151,7 @@ def _selected(table: Any, where: str | None, sort: str) -> Any:
     from fractal_farm.cli.where import filter_expression
 
     if where is not None:
-        expression = filter_expression(where, table.column_names)
+        expression = filter_expression(where, table.schema)
         try:
             table = table.filter(expression)
         except (pa.ArrowException, TypeError) as error:

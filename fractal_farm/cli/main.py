@@ -22,6 +22,9 @@ from fractal_farm.cli import (
     doctor,
     hand_commands,
     jobs,
+    likeness_commands,
+    lineage,
+    mirror,
     run_commands,
     status,
     verify,
@@ -45,6 +48,10 @@ app.command("report")(status.report)
 app.add_typer(jobs.app, name="jobs")
 app.command("list")(catalogue_commands.list_designs)
 app.command("show")(catalogue_commands.show)
+app.command("similar")(likeness_commands.similar)
+app.command("prototypes")(likeness_commands.prototypes)
+app.command("diff")(likeness_commands.diff)
+app.command("lineage")(lineage.lineage)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
@@ -53,6 +60,9 @@ app.command("preference")(hand_commands.preference)
 app.command("breed")(hand_commands.breed)
 app.command("keep")(hand_commands.keep)
 app.command("verify")(verify.verify)
+app.command("mirror")(mirror.mirror)
+app.command("fetch")(mirror.fetch)
+app.command("reproduce")(verify.reproduce)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
 

@@ -17,6 +17,7 @@ from fractal_farm.farm.events import (
     Event,
     Fault,
     MeshFinished,
+    MirrorChanged,
     PartCommitted,
     Paused,
     Progress,
@@ -88,6 +89,11 @@ class RunView:
             return f"waiting: {event.cause}"
         elif isinstance(event, Continued):
             return f"going on: {event.reason}"
+        elif isinstance(event, MirrorChanged):
+            lacks = f"{event.files:,} {'file' if event.files == 1 else 'files'} behind"
+            if event.cause is None:
+                return f"mirror {event.url}: answers again, {lacks}"
+            return f"mirror: {event.cause}; {lacks}, tried again while the run lives"
         elif isinstance(event, Draining):
             self.ending = "ending"
             return f"ending: {event.reason}; committing what is complete"

@@ -183,7 +183,21 @@ def report_end(summary: RunSummary, as_json: bool) -> int:
             "meshes": f"{ended.meshes} made now{failed}" + (f", in {summary.path / 'solids'}" if ended.meshes else ""),
             "picture": summary.sheet,
             "report": summary.path / "report.html",
+            "mirror": _mirror(summary),
             "digest": ended.digest,
         }
     )
     return summary.exit_code
+
+
+def _mirror(summary: RunSummary) -> str | None:
+    """Where the mirror is and what it lacks."""
+    mirror = summary.mirror
+    if mirror is None:
+        return None
+    if mirror.cause is None:
+        return f"{mirror.url}, complete"
+    return (
+        f"{mirror.url} is {mirror.files:,} {'file' if mirror.files == 1 else 'files'} behind ({mirror.cause}); "
+        f"bring it up to date with: farm mirror {summary.path} {mirror.url}"
+    )

@@ -122,6 +122,8 @@ def status_line(facts: dict[str, Any]) -> str:
         parts.append(f"{faults} {'fault' if faults == 1 else 'faults'}")
     if facts["waits"]:
         parts.append(f"waiting: {facts['waits']}")
+    if facts["mirror"] and facts["mirror"]["files"]:
+        parts.append(f"mirror {_behind(facts['mirror'])}")
     if facts["damage"]:
         parts.append(f"{len(facts['damage'])} damaged")
     if (left := _left(facts)) is not None:
@@ -160,6 +162,7 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files, {byte_count(facts['free_bytes'])} free"
         + ("" if facts["min_free_bytes"] is None else f"; the run waits below {byte_count(facts['min_free_bytes'])}"),
         "forecast": _forecast(facts["forecast"]),
+        "mirror": f"{facts['mirror']['url']}: {_behind(facts['mirror'])}" if facts["mirror"] else None,
         "time left": _left(facts),
         "digest": facts["digest"],
     }
@@ -200,6 +203,15 @@ def _left(facts: dict[str, Any]) -> str | None:
     if facts["left_s"] <= 0:
         return f"{facts['left_until']} reached, finishing"
     return f"{duration(facts['left_s'])} left until {facts['left_until']}"
+
+
+def _behind(mirror: dict[str, Any]) -> str:
+    """How far a mirror is behind."""
+    why = f": {mirror['cause']}" if mirror["cause"] else ""
+    if not mirror["files"]:
+        return mirror["cause"] or "up to date"
+    size = byte_count(mirror["bytes"])
+    return f"{mirror['files']:,} {'file' if mirror['files'] == 1 else 'files'} behind ({size}){why}"
 
 
 def _island(island: dict[str, Any]) -> str:

@@ -135,6 +135,16 @@ class Continued:
 
 
 @dataclass(frozen=True)
+class MirrorChanged:
+    """The mirror of the catalogue, which is so many files behind, falls silent because of `cause`, or answers again."""
+
+    url: str
+    files: int
+    bytes: int
+    cause: str | None
+
+
+@dataclass(frozen=True)
 class Draining:
     """The run is asked to end: what is complete will be committed."""
 
@@ -164,6 +174,7 @@ Event = (
     | Fault
     | Paused
     | Continued
+    | MirrorChanged
     | Draining
     | RunEnded
 )

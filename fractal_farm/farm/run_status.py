@@ -17,6 +17,7 @@ from typing import Any
 import pyarrow.compute as pc
 
 from fractal_farm.catalogue import Catalogue, run_is_live
+from fractal_farm.catalogue.mirror import read_state
 from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.errors import FarmError
 from fractal_farm.farm.events import Progress
@@ -83,6 +84,7 @@ class RunMonitor:
             moments are known), workers, executor, silent_s (since the last sign of life of a running farm);
             islands (island, epoch, best, mean_accepted, received by source and settled in the last epochs);
             waits: why the run waits at the moment, or None;
+            mirror: of the catalogue (url, files and bytes that it lacked at the time `at`, cause), or None;
             migration_epochs (first and last epoch that `received` covers);
             steering (first, last, design_ids), one for each request that the run is bound to;
             failures (where, cause, remedy, count, last: seconds since 1970);
@@ -133,6 +135,7 @@ class RunMonitor:
             "executor": started.get("executor"),
             "silent_s": now - _heard(history, now) if state == "running" else None,
             "waits": _waits(history.log) if state == "running" else None,
+            "mirror": read_state(self._path),
             "islands": islands,
             "migration_epochs": window,
             "steering": [

@@ -6,26 +6,20 @@ import contextlib
 import os
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from fractal_farm.catalogue import (
-    Catalogue,
-    create_run,
-    record_end,
-    remove_orphans,
-    run_ids,
-    run_lock,
-)
+from fractal_farm.catalogue import Catalogue, create_run, record_end, remove_orphans, run_ids, run_lock
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError, StorageFullError
 from fractal_farm.farm.event_log import EventLog
-from fractal_farm.farm.events import Announcer, Callback, Fault, RunEnded, RunStarted
+from fractal_farm.farm.events import Announcer, Callback, Fault, MirrorChanged, RunEnded, RunStarted
 from fractal_farm.farm.executor import ClusterLostError
 from fractal_farm.farm.interrupts import interrupts
+from fractal_farm.farm.mirroring import check_mirror, mirroring
 from fractal_farm.farm.preflight import check_disk
 from fractal_farm.farm.report import write_report
 from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
@@ -48,6 +42,7 @@ class RunSummary:
         path: the catalogue.
         ended: why it ended, the totals, the content digest.
         sheet: the picture of the best designs, or None.
+        mirror: what the catalogue's mirror lacks, and why; None if there is no mirror.
     """
 
     run_id: str
@@ -55,6 +50,7 @@ class RunSummary:
     path: Path
     ended: RunEnded
     sheet: Path | None
+    mirror: MirrorChanged | None = None
 
     @property
     def exit_code(self) -> int:
@@ -62,9 +58,10 @@ class RunSummary:
         return INTERRUPTED if self.ended.interrupted else 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON: run_id, name, path, sheet, the fields of `RunEnded`, and `Progress` under "progress"."""
-        places = {"path": str(self.path), "sheet": str(self.sheet) if self.sheet else None}
-        return {"run_id": self.run_id, "name": self.name, **places, **asdict(self.ended)}
+        """Ready for JSON: run_id, name, path, sheet, mirror, the fields of `RunEnded`, `Progress` under "progress"."""
+        places = {"path": str(self.path), "sheet": self.sheet and str(self.sheet)}
+        about = {"run_id": self.run_id, "name": self.name, **places, "mirror": self.mirror and asdict(self.mirror)}
+        return about | asdict(self.ended)
 
 
 def submit(
@@ -93,6 +90,7 @@ def submit(
     config = working_with(config, address, executor)
     _check_target(out, config, into)
     check_disk(config, out)
+    check_mirror(config, out, new=True)
     with workforce(config) as workers:
         if not (into and out.exists()):
             Catalogue.create(out)
@@ -138,6 +136,7 @@ def resume(
         raise InputError(f"--set catalogue.keep={config.catalogue.keep}: it is fixed when the run begins")
     config = working_with(config, address, executor)
     check_disk(config, path, Catalogue.open(path).usage().bytes)
+    check_mirror(config, path, new=False)
     with run_lock(path, run_id):
         pass  # a run that is at work is refused before anything is started for it
     with workforce(config) as workers:
@@ -171,12 +170,15 @@ def _session(config: RunConfig, root: Path, workers: Workforce, callbacks: Seque
         record_settings(root, run_id, config.to_dict(), config.catalogue.durability)
         log = EventLog(root, run_id)
         stack.callback(log.close)
-        announce = Announcer([log, *workers.callbacks, *callbacks])
+        hearers = [log, *workers.callbacks, *callbacks]
+        mirror = stack.enter_context(mirroring(config, root, Announcer(hearers)))
+        announce = Announcer([*hearers, *filter(None, [mirror])])
         interrupted = stack.enter_context(interrupts())
         losses, epochs = 0, -1
         while True:
             try:
-                return _stretch(config, root, workers, announce, interrupted)
+                summary = _stretch(config, root, workers, announce, interrupted)
+                return replace(summary, mirror=mirror.finish() if mirror else None)
             except ClusterLostError as lost:
                 where = f"go on from the last commit with `farm resume {root}`"
                 so_far = last_epoch(root, run_id)

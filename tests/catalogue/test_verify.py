@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fractal_farm.catalogue import Catalogue, create_run, read_run, run_lock, shards
-from fractal_farm.catalogue.documents import sealed_page
+from fractal_farm.catalogue.documents import encoded_document, sealed_page
 from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.catalogue.settings import record_settings
 from fractal_farm.catalogue.shards import group_metadata
@@ -32,6 +32,7 @@ from tests.farm.runs import small_config
 
 SOLID = {"solid.json": b'{"size_mm": 30}', "solid.stl": bytes(range(256)) * 8}
 KINDS = (
+    "identity.json",
     "zarr.json",
     "clouds/zarr.json",
     "clouds/*/zarr.json",
@@ -73,6 +74,7 @@ def grown(tmp_path_factory):
         record_settings(root, small_config().run_id, small_config("stop.epochs=8", "stop.hours=1").to_dict())
     catalogue = Catalogue.open(root)
     catalogue.add_solid(catalogue.designs(["design_id"]).column(0)[0].as_py(), "30x08", SOLID)
+    (root / "identity.json").write_bytes(encoded_document({"catalogue": 32 * "7"}))
     (root / "report.html").write_bytes(sealed_page("<p>How it went</p>"))
     assert len(list((root / "manifest/designs").iterdir())) > 2
     return root
@@ -161,7 +163,7 @@ def test_garbage_is_a_finding_and_no_traceback(root, pattern, level):
         same_size = level == "quick" and len(torn) == len(content)
         assert verify(root, level).exit_code == 1 or read_in_full or same_size or (held and not torn)
     path.unlink()
-    dispensable = ("snapshots/*", "report.html", "runs/*/final*", "runs/*/settings*")
+    dispensable = ("identity.json", "snapshots/*", "report.html", "runs/*/final*", "runs/*/settings*")
     assert verify(root, level).exit_code == 1 or pattern in dispensable or held
     path.mkdir()
     assert verify(root, level).exit_code == 1

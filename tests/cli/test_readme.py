@@ -50,7 +50,7 @@ def commands() -> list[str]:
 
 
 # They change the catalogue, take long, or need what is not there; other tests run them.
-NOT_RUN = ("resume", "stop", "bench", "jobs", "rate", "breed", "preference", "keep")
+NOT_RUN = ("resume", "stop", "bench", "jobs", "mirror", "fetch", "rate", "breed", "preference", "keep")
 
 
 @pytest.mark.parametrize("command", [command for command in commands() if command.split()[1] not in NOT_RUN])
@@ -65,7 +65,8 @@ def test_every_command_is_named() -> None:
     named = {command.split()[1] for command in commands()} | {"submit"}
     assert named == {
         *("submit", "resume", "stop", "status", "report", "verify", "list", "show", "score", "render", "mesh"),
-        *("doctor", "bench", "jobs", "rate", "breed", "preference", "keep"),
+        *("mirror", "fetch", "doctor", "bench", "jobs", "similar", "lineage", "prototypes", "diff", "reproduce"),
+        *("rate", "breed", "preference", "keep"),
     }
 
 

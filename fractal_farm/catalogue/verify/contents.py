@@ -123,6 +123,15 @@ def named_checksum(key: str) -> int | None:
     return int(found["checksum"], 16) if found else None
 
 
+def own_cloud_files(name: PartName, footer: Footer) -> dict[str, tuple[int, int]]:
+    """The files of a part that are clouds of its writer, as all should be: key -> (bytes, CRC32C)."""
+    return {
+        key: facts
+        for key, facts in footer.files.items()
+        if _CLOUD_FILE.fullmatch(key) and key.split("/")[1] == name.writer
+    }
+
+
 def _live(root: Path, run_ids: list[str], held: frozenset[str]) -> frozenset[str]:
     live = set()
     for run_id in run_ids:
@@ -179,8 +188,9 @@ def _take_part(contents: Contents, file_name: str) -> None:
 
 def _take_references(contents: Contents, part: Part) -> None:
     contents.parts.append(part)
+    own = own_cloud_files(part.name, part.footer)
     for key, facts in part.footer.files.items():
-        if _CLOUD_FILE.fullmatch(key) and key.split("/")[1] == part.name.writer:
+        if key in own:
             contents.part_of[key] = part
             contents.accepted.setdefault(key, set()).add(facts)
         else:

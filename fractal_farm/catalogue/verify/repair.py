@@ -20,7 +20,7 @@ from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.durable import move_aside, put
 from fractal_farm.catalogue.fence import FENCE, take_over
 from fractal_farm.catalogue.judging import fill_gaps
-from fractal_farm.catalogue.layout import QUARANTINE, RUNS, part_name
+from fractal_farm.catalogue.layout import IDENTITY, QUARANTINE, RUNS, part_name
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import LOCK, run_lock
 from fractal_farm.catalogue.shards import root_documents
@@ -194,7 +194,9 @@ class _Bench:
             if candidate is not None:
                 put(self._root / key, candidate)
                 return _BIT, False
-        return self._given_up(key, "the run cannot be resumed until it is restored from a copy")
+        what = "the catalogue" if key == IDENTITY else "the run"
+        verb = "mirrored" if key == IDENTITY else "resumed"
+        return self._given_up(key, f"{what} cannot be {verb} until it is restored from a copy")
 
     def _judgement(self, _key: str) -> tuple[str, bool]:
         fill_gaps(self._root)

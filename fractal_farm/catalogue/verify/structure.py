@@ -10,7 +10,18 @@ from fractal_farm.catalogue.durable import PARTIAL, is_being_filled
 from fractal_farm.catalogue.fence import FENCE
 from fractal_farm.catalogue.fence import is_whole as is_whole_fence
 from fractal_farm.catalogue.judging import missing_numbers
-from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, HAND, MENDINGS, RUNS, SNAPSHOTS, SOLIDS, crc32c, part_name
+from fractal_farm.catalogue.layout import (
+    CLOUDS,
+    DESIGNS,
+    HAND,
+    IDENTITY,
+    MENDINGS,
+    RUNS,
+    SNAPSHOTS,
+    SOLIDS,
+    crc32c,
+    part_name,
+)
 from fractal_farm.catalogue.runs import LOCK, is_whole_lock
 from fractal_farm.catalogue.shards import ROOT, SHARD, is_root_document, root_documents
 from fractal_farm.catalogue.solids import CHECKSUMS
@@ -57,6 +68,11 @@ def _roots(contents: Contents) -> Iterator[Finding]:
         if isinstance(content, str) or not is_root_document(key, content):
             problem = content if isinstance(content, str) else "damaged: its checksum does not match"
             yield Finding(key, "root", problem, "`farm verify --repair` writes it again")
+    if IDENTITY in contents.sizes.keys() | contents.directories:
+        content = contents.read(IDENTITY)
+        if isinstance(content, str) or opened_document(content) is None:
+            problem = content if isinstance(content, str) else "damaged: its checksum does not match"
+            yield Finding(IDENTITY, "run", problem, "`farm verify --repair` mends it if it is one flipped bit")
 
 
 def _runs(contents: Contents) -> Iterator[Finding]:
