@@ -3,6 +3,7 @@
 `RunWriter` commits designs, `Catalogue` reads them; `layout` draws the tree.
 """
 
+from fractal_farm.catalogue.beginning import begin_run, is_unbegun, what_is_there
 from fractal_farm.catalogue.clouds import DenseClouds
 from fractal_farm.catalogue.judging import Judgement, judge, judgements, with_judgements, withdraw
 from fractal_farm.catalogue.reader import Catalogue, Usage
@@ -30,9 +31,11 @@ __all__ = [
     "RunWriter",
     "SolidInfo",
     "Usage",
+    "begin_run",
     "committed_records",
     "create_run",
     "design_table",
+    "is_unbegun",
     "judge",
     "judgements",
     "latest_snapshot",
@@ -43,6 +46,7 @@ __all__ = [
     "run_ids",
     "run_is_live",
     "run_lock",
+    "what_is_there",
     "with_judgements",
     "withdraw",
     "write_snapshot",

@@ -43,11 +43,13 @@ class Footer:
         records: the islands' records, as they were committed.
         files: key -> (bytes, CRC32C) of every file that this commit put down before, keys relative to the
             root.
+        fitness: identity of what scored the rows (`FitnessFormula.identity`); None in older parts.
     """
 
     epochs: tuple[int, int]
     records: bytes
     files: dict[str, tuple[int, int]]
+    fitness: str | None = None
 
 
 def list_parts(root: Path, run_id: str | None = None) -> list[PartName]:
@@ -75,6 +77,7 @@ def encoded_part(rows: Any, writer: str, seq: int, footer: Footer) -> tuple[Part
         # Not in the schema's metadata, which Parquet writers store a second time.
         file.add_key_value_metadata(
             {
+                **({"farm.fitness": footer.fitness} if footer.fitness else {}),
                 "farm.format": FORMAT,
                 "farm.writer": writer,
                 "farm.seq": str(seq),
@@ -113,7 +116,8 @@ def read_footer(root: Path, name: PartName) -> Footer:
     metadata: Mapping[bytes, bytes] = _open_part(root, name).metadata.metadata
     first, last = json.loads(metadata[b"farm.epochs"])
     files = {entry["key"]: (entry["bytes"], entry["crc32c"]) for entry in json.loads(metadata[b"farm.shards"])}
-    return Footer((first, last), base64.b64decode(metadata[b"farm.records"]), files)
+    fitness = metadata.get(b"farm.fitness", b"").decode() or None
+    return Footer((first, last), base64.b64decode(metadata[b"farm.records"]), files, fitness)
 
 
 def _open_part(root: Path, name: PartName) -> Any:

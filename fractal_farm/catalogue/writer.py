@@ -72,6 +72,7 @@ class RunWriter:
         n_points: points of every cloud.
         clouds: "kept" stores the clouds; "none" keeps only their checksums, readers grow them again.
         durability: "full" survives a power cut, "process" the death of the process.
+        fitness: identity of what scores the designs, see `parts.Footer`.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class RunWriter:
         n_points: int,
         clouds: Literal["kept", "none"] = "kept",
         durability: Durability = "full",
+        fitness: str | None = None,
     ) -> None:
         self._root = Path(root)
         self._run_id = checked_run_id(run_id)
@@ -91,6 +93,7 @@ class RunWriter:
         self._n_points = n_points
         self._clouds = clouds
         self._durability = durability
+        self._fitness = fitness
         self._pending: _Pending | None = None
         self._name = ""
         self._seq = 0
@@ -188,6 +191,7 @@ class RunWriter:
                 path.relative_to(self._root).as_posix(): (len(content), crc32c(content))
                 for path, content in listed.items()
             },
+            self._fitness,
         )
         rows = self._placed(given, kept, clouds, stored)
         name, content = encoded_part(rows, self._name, self._seq, footer)

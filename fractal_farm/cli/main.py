@@ -20,6 +20,7 @@ from fractal_farm.cli import (
     catalogue_commands,
     design_commands,
     doctor,
+    experiment,
     hand_commands,
     jobs,
     likeness_commands,
@@ -65,6 +66,7 @@ app.command("fetch")(mirror.fetch)
 app.command("reproduce")(verify.reproduce)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
+app.add_typer(experiment.app, name="experiment")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

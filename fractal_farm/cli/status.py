@@ -163,6 +163,7 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         + ("" if facts["min_free_bytes"] is None else f"; the run waits below {byte_count(facts['min_free_bytes'])}"),
         "forecast": _forecast(facts["forecast"]),
         "mirror": f"{facts['mirror']['url']}: {_behind(facts['mirror'])}" if facts["mirror"] else None,
+        "ends after": _limits(facts["stop"]),
         "time left": _left(facts),
         "digest": facts["digest"],
     }
@@ -212,6 +213,12 @@ def _behind(mirror: dict[str, Any]) -> str:
         return mirror["cause"] or "up to date"
     size = byte_count(mirror["bytes"])
     return f"{mirror['files']:,} {'file' if mirror['files'] == 1 else 'files'} behind ({size}){why}"
+
+
+def _limits(stop: dict[str, Any]) -> str:
+    """The limits in force; whichever comes first ends the run."""
+    found = [f"{limit:,g} {name}" for name, limit in stop.items() if limit is not None]
+    return " or ".join(found) or "nothing but an interruption"
 
 
 def _island(island: dict[str, Any]) -> str:

@@ -106,7 +106,7 @@ class RunMonitor:
         usage = catalogue.usage()
         rows = standing_designs(history.rows())
         started: dict[str, Any] = next((entry for entry in reversed(history.log) if entry["event"] == "RunStarted"), {})
-        stop = started.get("stop") or (history.config.stop.model_dump() if history.config else {})
+        stop = history.config.stop.model_dump() if history.config else started.get("stop") or {}
         samples = history.samples()
         state, reason = _state(history, live)
         left = time_left(samples, stop, now - _heard(history, now)) if state == "running" else None

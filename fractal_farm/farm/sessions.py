@@ -11,7 +11,18 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from fractal_farm.catalogue import Catalogue, create_run, record_end, remove_orphans, run_ids, run_lock
+from fractal_farm import __version__
+from fractal_farm.catalogue import (
+    Catalogue,
+    begin_run,
+    is_unbegun,
+    read_run,
+    record_end,
+    remove_orphans,
+    run_ids,
+    run_lock,
+    what_is_there,
+)
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError, StorageFullError
@@ -77,7 +88,8 @@ def submit(
 
     Args:
         config: what to run.
-        out: directory of the catalogue; it must not exist, or be empty.
+        out: directory of the catalogue; it must not exist, be empty, or be what a submit left that was killed before
+            its run had begun.
         address: Ray cluster to work on; overrides the configuration.
         executor: "ray" or "serial"; overrides the configuration.
         into: add the run to an existing catalogue instead.
@@ -92,10 +104,8 @@ def submit(
     check_disk(config, out)
     check_mirror(config, out, new=True)
     with workforce(config) as workers:
-        if not (into and out.exists()):
-            Catalogue.create(out)
         description = {"config": config.to_dict(), "versions": _versions()}
-        create_run(out, config.run_id, description, config.catalogue.durability)
+        begin_run(out, config.run_id, description, config.catalogue.durability, into=into)
         return _session(config, out, workers, callbacks)
 
 
@@ -126,6 +136,7 @@ def resume(
     """
     run_id = chosen_run(path, run)
     stored = read_settings(path, run_id)
+    _check_version(path, run_id, stored)
     config = RunConfig.from_dict(stored, f"{path}: run.json", overrides)
     if config.run_id != run_id:
         raise InputError(
@@ -141,6 +152,21 @@ def resume(
         pass  # a run that is at work is refused before anything is started for it
     with workforce(config) as workers:
         return _session(config, path, workers, callbacks)
+
+
+def _check_version(path: Path, run_id: str, stored: dict[str, Any]) -> None:
+    """Refuse to go on with what another version has grown: it would not be the same run."""
+    try:
+        reason = None if RunConfig.from_dict(stored).run_id == run_id else "its evolution has another identity here"
+    except InputError as error:
+        reason = str(error)
+    if reason is not None:
+        grown_by = read_run(path, run_id).get("versions", {}).get("fractal-farm", "unknown")
+        raise InputError(
+            f"{path}: run {run_id} was grown by another version of the farm ({grown_by}; this is {__version__}: "
+            f"{reason}) and cannot go on here; it can be listed, shown, meshed and verified as ever, and `farm submit` "
+            "of its configuration to another directory grows it anew"
+        )
 
 
 def working_with(config: RunConfig, address: str | None, executor: str | None) -> RunConfig:
@@ -254,20 +280,23 @@ def _stretch(
         run.meshes,
         run.mesh_failures,
     )
+    sheet = None
     try:
-        record_end(root, run_id, asdict(ended), config.catalogue.durability)
+        # The record of the end vouches for the picture; the report tells of the end.
         sheet = write_sheet(root, config)
+        record_end(root, run_id, asdict(ended), config.catalogue.durability)
         write_report(root, config)
     except StorageFullError as error:
-        announce(Fault("disk", str(error), "the run has ended, and its designs are safe"))
-        sheet = None
+        announce(
+            Fault("disk", str(error), "all designs are safe; `farm resume` makes picture and report when there is room")
+        )
     announce(ended)
     return RunSummary(run_id, config.name, root, ended, sheet)
 
 
 def _check_target(out: Path, config: RunConfig, into: bool) -> None:
     """Refuse before anything is started or written."""
-    if into and out.exists():
+    if into and out.exists() and not (out.is_dir() and is_unbegun(out)):
         Catalogue.open(out)
         if config.run_id in run_ids(out):
             raise InputError(f"{out}: run {config.run_id} is in this catalogue already; `farm resume {out}`")
@@ -279,10 +308,8 @@ def _check_target(out: Path, config: RunConfig, into: bool) -> None:
         raise InputError(f"{out}: {place} is a file; choose another --out")
     if not os.access(place, os.W_OK | os.X_OK):
         raise InputError(f"{out}: {place} is not writable; choose another --out")
-    if out.exists() and (held := run_ids(out)):
-        raise InputError(f"{out}: holds run {', '.join(held)}; choose another --out, or `farm resume {out}`")
-    if out.exists() and any(out.iterdir()):
-        raise InputError(f"{out}: is not empty; choose another --out")
+    if out.exists() and not is_unbegun(out):
+        raise InputError(f"{out}: {what_is_there(out)}")
 
 
 def _versions() -> dict[str, str]:

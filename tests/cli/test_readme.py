@@ -50,7 +50,7 @@ def commands() -> list[str]:
 
 
 # They change the catalogue, take long, or need what is not there; other tests run them.
-NOT_RUN = ("resume", "stop", "bench", "jobs", "mirror", "fetch", "rate", "breed", "preference", "keep")
+NOT_RUN = ("resume", "stop", "bench", "jobs", "rate", "breed", "preference", "keep", "mirror", "fetch")
 
 
 @pytest.mark.parametrize("command", [command for command in commands() if command.split()[1] not in NOT_RUN])

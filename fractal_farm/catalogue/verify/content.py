@@ -44,7 +44,7 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
     births: dict[tuple[Any, ...], tuple[Any, str]] = {}
     for part in contents.parts:
         rows = contents.rows(part, DESIGN_SCHEMA.names)
-        formula = formula_by_hand(part.footer) if part.run_id == HAND else formulas.get(part.run_id)
+        formula = formula_by_hand(part.footer.records) if part.run_id == HAND else formulas.get(part.run_id)
         yield from _part(contents, part, rows, formula)
         for row in rows:
             lineage.setdefault(part.run_id, set()).add(row["design_id"])
@@ -139,6 +139,12 @@ def _compared_numbers(
 ) -> Iterator[Finding]:
     if not rows:
         return
+    scored_by = part.footer.fitness
+    if scored_by is not None and (formula is None or formula.identity != scored_by):
+        ours = "a configuration that this version does not know" if formula is None else formula.identity
+        problem = f"scored by another version of the fitness ({scored_by}, here {ours}); scores not compared"
+        yield Finding(part.key, "row", problem, "verify with the version that scored it", damage=False)
+        formula = None
     again = recomputed(rows, genomes, formula)
     for name in dict.fromkeys(name for numbers in again for name in numbers):
         pairs = zip(rows, again, strict=True)

@@ -145,6 +145,8 @@ def _live(root: Path, run_ids: list[str], held: frozenset[str]) -> frozenset[str
 
 def _walk(contents: Contents) -> None:
     def unreadable(error: OSError) -> None:
+        if isinstance(error, FileNotFoundError):
+            return  # renamed or removed since its name was read, as a solid is when it is finished
         key = Path(error.filename).relative_to(contents.root).as_posix()
         problem = f"the directory cannot be read: {error.strerror}"
         contents.findings.append(Finding(key, "root", problem, "give yourself the right to read it"))

@@ -32,6 +32,7 @@ SHEET = "catalogue.png"
 REPORT = "report.html"
 GROW = "`farm verify --repair` grows the clouds again from their genomes"
 _RESUME = "`farm resume` removes it, `farm verify --repair` moves it aside"
+_UNFINISHED = "a file that was never finished"
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")
 _SOLID = re.compile(rf"{SOLIDS}/[0-9a-f]{{32}}/[0-9A-Za-z_-]{{1,64}}")
 
@@ -130,7 +131,9 @@ def _epochs(contents: Contents) -> Iterator[Finding]:
             if first > reached:
                 gaps.append((reached, first - 1))
             reached = max(reached, last + 1)
-        ended = ended_after(contents, run_id) if description is not None else 0
+        # A live run may have committed, and ended, after its parts were listed.
+        settled = description is not None and run_id not in contents.live
+        ended = ended_after(contents, run_id) if settled else 0
         if ended > reached:
             gaps.append((reached, ended - 1))
         for first, last in gaps:
@@ -217,8 +220,10 @@ def _unknown(contents: Contents) -> Iterator[Finding]:
             owner = key.split("/")[1].partition("-")[0] if top == CLOUDS else run_id
             if top == RUNS:
                 owner = key.split("/")[1]
-            if owner not in contents.live:
-                yield Finding(key, "leftover", "a file that was never finished", _RESUME, damage=False)
+            if not folder and not contents.live:
+                yield Finding(key, "leftover", _UNFINISHED, "`farm verify --repair` moves it aside", damage=False)
+            elif folder and owner not in contents.live:
+                yield Finding(key, "leftover", _UNFINISHED, _RESUME, damage=False)
         elif top == CLOUDS and key != f"{CLOUDS}/{ROOT}" and key not in contents.accepted:
             owner = key.split("/")[1].partition("-")[0]
             if owner not in contents.live:
