@@ -2,6 +2,7 @@
 
     zarr.json                                   root group; attribute `fractal_farm` says format and features
     runs/<run_id>/                              run.json, lock, final~<n>~<crc32c>.json
+        steering~<n>~<crc32c>.json, wish~...    what somebody wants it to breed from, see `steering`
     runs/hand/                                  judgement~<n>~<crc32c>.json; no run, but what people do
     clouds/<writer>/{points,transform,design_id}/     Zarr v3 arrays, one chunk file of each a commit
     manifest/designs/<writer>~<seq>~<rows>~<crc32c>.parquet     one file = one commit
