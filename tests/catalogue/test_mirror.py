@@ -17,6 +17,7 @@ from PIL import Image
 
 from fractal_farm.catalogue import Catalogue, create_run, record_end, write_snapshot
 from fractal_farm.catalogue.documents import encoded_document
+from fractal_farm.catalogue.judging import judge, judgements
 from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, crc32c
 from fractal_farm.catalogue.mirror import Store, StoreError, fetch, keeping, kept
 from fractal_farm.catalogue.parts import list_parts
@@ -109,6 +110,17 @@ def test_an_earlier_state_is_brought_up_to_date_and_a_later_one_is_refused(grown
     mirror(grown, object_store.url)
     assert bring(object_store.url, tmp_path / "back").commits == 2
     assert vouched_for(tmp_path / "back") == vouched_for(grown)
+
+
+def test_what_people_said_comes_along(grown, object_store, tmp_path):
+    mirror(grown, object_store.url)
+    identities = Catalogue.open(grown).designs(["design_id"]).column(0).to_pylist()[:6]
+    for identity in identities:
+        judge(grown, [identity], stars=5)
+    mirror(grown, object_store.url)
+    bring(object_store.url, tmp_path / "back")
+    assert judgements(tmp_path / "back") == judgements(grown)
+    assert verify(tmp_path / "back", "full").findings == ()
 
 
 class Killed(BaseException):

@@ -97,7 +97,7 @@ class Uploader:
         files = local_files(self._root)
         if not any(file.key == _SHEET for file in files[Stage.PICTURE]):
             files[Stage.END] = []  # it is being drawn: a run that has ended has its picture
-        yield self._changed(files[Stage.DOCUMENT])
+        yield from ([document] for document in self._changed(files[Stage.DOCUMENT]))
         yield from self._commits(files[Stage.PART])
         yield self._unknown(files[Stage.SNAPSHOT])
         solids = self._changed(files[Stage.SOLID_LIST])
@@ -115,7 +115,7 @@ class Uploader:
     def _changed(self, files: Sequence[LocalFile]) -> list[_Upload]:
         """Files that may change, and are not in the mirror as they are."""
         changed = []
-        for file in sorted(files, key=lambda file: file.modified_ns):
+        for file in sorted(files, key=lambda file: (file.modified_ns, file.key)):
             stamp = (file.size, file.modified_ns)
             if self._stamps.get(file.key) == stamp:
                 continue
