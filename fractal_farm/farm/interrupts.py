@@ -1,36 +1,50 @@
 """Ctrl-C and SIGTERM: the first asks the run to end at its last complete epoch, the second ends it at once.
 
-Once it ends at once, further signals change nothing: the workers are being sent away. Before the run begins Ctrl-C ends
-the command; should Python raise it where nobody can catch it (in a callback of an import, say), the run hears of it.
+Once it ends at once, further signals change nothing: the workers are being sent away. Before the run begins both end
+the command, by exceptions that Python raises wherever it is at the moment. Where nobody can catch them (in what is
+called at a fork, by an import, or for dead objects) Python prints them and goes on; `listening` keeps them for the run.
 """
 
 from __future__ import annotations
 
 import contextlib
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from types import FrameType
 
+_SIGINT = "interrupted"
+_SIGTERM = "asked to end (SIGTERM)"
 _early: list[str] = []
-"""Signals that came before there was a run."""
+"""Signals that were lost before there was a run."""
 
 
 @contextlib.contextmanager
 def listening() -> Iterator[None]:
-    """From the start of a command on: remember Ctrl-C besides raising it."""
+    """From the start of a command to its end: remember what Python cannot raise."""
 
-    def handle(_number: int, _frame: FrameType | None) -> None:
-        _early.append("interrupted")
-        raise KeyboardInterrupt
+    def hear(lost: sys.UnraisableHookArgs) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt | SystemExit):  # Ray's handler of SIGTERM raises the latter
+            _early.append(_SIGINT if lost.exc_type is KeyboardInterrupt else _SIGTERM)
+        else:
+            before(lost)
 
-    before = signal.getsignal(signal.SIGINT)
-    if before is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, handle)
+    before, sys.unraisablehook = sys.unraisablehook, hear
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = before
         _early.clear()
+
+
+def heed() -> None:
+    """Raise what was lost.
+
+    Raises:
+        KeyboardInterrupt: somebody has asked for the end.
+    """
+    if _early:
+        raise KeyboardInterrupt
 
 
 @contextlib.contextmanager
@@ -43,7 +57,7 @@ def interrupts() -> Iterator[Callable[[], str | None]]:
     reason = list(_early[:1])
 
     def handle(number: int, _frame: FrameType | None) -> None:
-        reason.append("interrupted" if number == signal.SIGINT else "asked to end (SIGTERM)")
+        reason.append(_SIGINT if number == signal.SIGINT else _SIGTERM)
         if len(reason) == 2:
             raise KeyboardInterrupt
 

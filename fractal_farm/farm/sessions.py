@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from fractal_farm import __version__
 from fractal_farm.catalogue import (
     Catalogue,
     begin_run,
     is_unbegun,
-    read_run,
     record_end,
     remove_orphans,
     run_ids,
@@ -29,7 +25,7 @@ from fractal_farm.errors import FarmError, InputError, StorageFullError
 from fractal_farm.farm.event_log import EventLog
 from fractal_farm.farm.events import Announcer, Callback, Fault, MirrorChanged, RunEnded, RunStarted
 from fractal_farm.farm.executor import ClusterLostError
-from fractal_farm.farm.interrupts import interrupts
+from fractal_farm.farm.interrupts import heed, interrupts
 from fractal_farm.farm.mirroring import check_mirror, mirroring
 from fractal_farm.farm.preflight import check_disk
 from fractal_farm.farm.report import write_report
@@ -37,6 +33,7 @@ from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, rest
 from fractal_farm.farm.run import Run
 from fractal_farm.farm.sheet import write_sheet
 from fractal_farm.farm.stopping import chosen_run, stop_requested, withdraw_stop
+from fractal_farm.farm.versions import check_version, versions
 from fractal_farm.farm.workforce import Workforce, workforce
 
 _LOSSES_WITHOUT_COMMIT = 5
@@ -104,7 +101,8 @@ def submit(
     check_disk(config, out)
     check_mirror(config, out, new=True)
     with workforce(config) as workers:
-        description = {"config": config.to_dict(), "versions": _versions()}
+        heed()
+        description = {"config": config.to_dict(), "versions": versions()}
         begin_run(out, config.run_id, description, config.catalogue.durability, into=into)
         return _session(config, out, workers, callbacks)
 
@@ -136,7 +134,7 @@ def resume(
     """
     run_id = chosen_run(path, run)
     stored = read_settings(path, run_id)
-    _check_version(path, run_id, stored)
+    check_version(path, run_id, stored)
     config = RunConfig.from_dict(stored, f"{path}: run.json", overrides)
     if config.run_id != run_id:
         raise InputError(
@@ -152,21 +150,6 @@ def resume(
         pass  # a run that is at work is refused before anything is started for it
     with workforce(config) as workers:
         return _session(config, path, workers, callbacks)
-
-
-def _check_version(path: Path, run_id: str, stored: dict[str, Any]) -> None:
-    """Refuse to go on with what another version has grown: it would not be the same run."""
-    try:
-        reason = None if RunConfig.from_dict(stored).run_id == run_id else "its evolution has another identity here"
-    except InputError as error:
-        reason = str(error)
-    if reason is not None:
-        grown_by = read_run(path, run_id).get("versions", {}).get("fractal-farm", "unknown")
-        raise InputError(
-            f"{path}: run {run_id} was grown by another version of the farm ({grown_by}; this is {__version__}: "
-            f"{reason}) and cannot go on here; it can be listed, shown, meshed and verified as ever, and `farm submit` "
-            "of its configuration to another directory grows it anew"
-        )
 
 
 def working_with(config: RunConfig, address: str | None, executor: str | None) -> RunConfig:
@@ -310,13 +293,3 @@ def _check_target(out: Path, config: RunConfig, into: bool) -> None:
         raise InputError(f"{out}: {place} is not writable; choose another --out")
     if out.exists() and not is_unbegun(out):
         raise InputError(f"{out}: {what_is_there(out)}")
-
-
-def _versions() -> dict[str, str]:
-    """What the bits may depend on."""
-    names = ("fractal-farm", "numpy", "numba", "llvmlite", "ray", "zarr", "pyarrow")
-    found = {"python": platform.python_version(), "platform": platform.platform()}
-    for name in names:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found
