@@ -50,7 +50,7 @@ def commands() -> list[str]:
 
 
 # They change the catalogue, take long, or need what is not there; other tests run them.
-NOT_RUN = ("resume", "stop", "bench", "jobs", "rate", "breed", "preference", "keep", "mirror", "fetch")
+NOT_RUN = ("resume", "stop", "bench", "experiment", "jobs", "rate", "breed", "preference", "keep", "mirror", "fetch")
 
 
 @pytest.mark.parametrize("command", [command for command in commands() if command.split()[1] not in NOT_RUN])
@@ -66,7 +66,7 @@ def test_every_command_is_named() -> None:
     assert named == {
         *("submit", "resume", "stop", "status", "report", "verify", "list", "show", "score", "render", "mesh"),
         *("mirror", "fetch", "doctor", "bench", "jobs", "similar", "lineage", "prototypes", "diff", "reproduce"),
-        *("rate", "breed", "preference", "keep"),
+        *("rate", "breed", "preference", "keep", "experiment"),
     }
 
 
