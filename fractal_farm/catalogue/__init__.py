@@ -5,7 +5,13 @@
 
 from fractal_farm.catalogue.clouds import DenseClouds
 from fractal_farm.catalogue.reader import Catalogue, Usage
-from fractal_farm.catalogue.records import committed_records, latest_snapshot, remove_orphans, write_snapshot
+from fractal_farm.catalogue.records import (
+    committed_records,
+    committed_until,
+    latest_snapshot,
+    remove_orphans,
+    write_snapshot,
+)
 from fractal_farm.catalogue.rows import design_table
 from fractal_farm.catalogue.runs import (
     RunInfo,
@@ -29,6 +35,7 @@ __all__ = [
     "SolidInfo",
     "Usage",
     "committed_records",
+    "committed_until",
     "create_run",
     "design_table",
     "latest_snapshot",

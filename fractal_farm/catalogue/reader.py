@@ -16,24 +16,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from fractal_farm.catalogue.clouds import CLOUD_COLUMNS, CloudArrays, DenseClouds
 from fractal_farm.catalogue.digest import DIGEST_COLUMNS, content_digest
 from fractal_farm.catalogue.durable import put
 from fractal_farm.catalogue.layout import FEATURES, FORMAT, PartName
-from fractal_farm.catalogue.parts import list_parts, read_rows
+from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_of_parts
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
-from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH
+from fractal_farm.catalogue.scan import RANK, Rows, first_of_each
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.shards import ATTRIBUTE, ROOT, root_documents
 from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
-from fractal_farm.errors import FarmError, InputError
+from fractal_farm.errors import InputError
 from fractal_farm.ifs.genome import Genome
 
 _SHORTEST_PREFIX = 4
-_RANK = ("design_id", "kind", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
-"""Of rows with equal design_id the first in this order stands; a design comes before an ancestor."""
+_PLACE = "place of the row"
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,7 @@ class Catalogue:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._arrays = CloudArrays(path)
-        self._parts: list[PartName] = []
-        self._index: Any = None
-        self._ids = np.empty(0, "S32")
+        self._rows = Rows(path, [])
 
     @classmethod
     def create(cls, path: str | os.PathLike[str]) -> Catalogue:
@@ -129,17 +126,50 @@ class Catalogue:
             InputError: an unknown column.
             FarmError: a manifest part is missing or damaged.
         """
-        wanted = list(DESIGN_SCHEMA.names if columns is None else columns)
-        if unknown := [name for name in wanted if name not in DESIGN_SCHEMA.names]:
-            raise InputError(f"no column {', '.join(unknown)}; the columns are {', '.join(DESIGN_SCHEMA.names)}")
-        parts = list_parts(self.path, run_id)
-        table = self._rows(parts, [*dict.fromkeys([*wanted, *_RANK, "fitness"])])
-        standing = _first_of_each(table)
-        if not ancestors:
-            standing = standing.filter(pc.equal(table.column("kind").take(standing), KINDS[0]))
-        keys = table.select(["fitness", "design_id"]).take(standing)
-        order = pc.sort_indices(keys, [("fitness", "descending"), ("design_id", "ascending")])
-        return table.select(wanted).take(standing.take(order))
+        wanted = _known(DESIGN_SCHEMA.names if columns is None else columns)
+
+        def read(parts: list[PartName]) -> Any:
+            rows = Rows(self.path, parts)
+            return rows.read(wanted).take(pa.array(rows.best_first(rows.standing(ancestors=ancestors))))
+
+        return read_of_parts(self.path, run_id, read)
+
+    def select(
+        self,
+        columns: Sequence[str],
+        where: Any = None,
+        names: Sequence[str] = (),
+        order: tuple[str, bool] = ("fitness", True),
+        limit: int | None = None,
+    ) -> tuple[Any, int]:
+        """Some of the designs, sorted; nothing is read but what the question needs.
+
+        Args:
+            columns: names of `schema.DESIGN_SCHEMA`.
+            where: pyarrow expression that is true of the wanted designs; all if None.
+            names: columns that the expression refers to.
+            order: column to sort by, and whether the largest come first; of equal ones the smallest design_id.
+            limit: only the first so many.
+
+        Returns:
+            The table, and how many designs the expression is true of.
+
+        Raises:
+            InputError: an unknown column.
+            FarmError: a manifest part is missing or damaged.
+            pyarrow.ArrowException: an expression or a column to sort by that does not fit its types.
+        """
+        wanted, keys = _known(columns), _known([*names, order[0]])
+
+        def read(parts: list[PartName]) -> tuple[Any, int]:
+            rows = Rows(self.path, parts)
+            places = rows.standing(ancestors=False)
+            table = rows.read(keys).append_column(_PLACE, pa.array(np.arange(len(rows)))).take(pa.array(places))
+            table = table if where is None else table.filter(where)
+            places = table.column(_PLACE).to_numpy()
+            return rows.take(wanted, rows.first(places, *order, limit)), len(places)
+
+        return read_of_parts(self.path, None, read)
 
     def design(self, design_id: str) -> dict[str, Any]:
         """One row of the manifest: column -> value.
@@ -186,6 +216,8 @@ class Catalogue:
             InputError: the clouds differ in their number of points.
             FarmError: a manifest part is missing or damaged.
         """
+        if run_id is None and limit is not None:
+            return DenseClouds(self._arrays, self.select(CLOUD_COLUMNS, limit=limit)[0])
         return DenseClouds(self._arrays, self.designs(CLOUD_COLUMNS, run_id).slice(0, limit))
 
     def digest(self, run_id: str | None = None) -> str:
@@ -230,54 +262,51 @@ class Catalogue:
         """
         return add_solid(self.path, design_id, parameters_hash, files)
 
-    def _rows(self, parts: Sequence[PartName], columns: Sequence[str]) -> Any:
-        empty = pa.schema([DESIGN_SCHEMA.field(name) for name in columns]).empty_table()
-        tables = [read_rows(self.path, part, columns) for part in parts if part.rows]
-        return pa.concat_tables([empty, *tables]).combine_chunks()
-
     def _row(self, design_id: str, columns: Sequence[str]) -> Any:
         """The one-row table of a design."""
         prefix = design_id.lower()
         if len(prefix) < _SHORTEST_PREFIX or set(prefix) - set("0123456789abcdef"):
             raise InputError(f"design {design_id!r}: give at least {_SHORTEST_PREFIX} hex digits of its id")
-        low, high = self._matches(prefix)
-        if low == high:
-            self._refresh()
-            low, high = self._matches(prefix)
-        if low == high:
+        found = self._found(prefix, columns) or read_of_parts(
+            self.path, None, lambda parts: self._found(prefix, columns, parts)
+        )
+        if found is None:
             raise InputError(f"{self.path}: no design {design_id}; `farm list` shows the designs")
-        if high - low > 1:
-            shown = ", ".join(found.decode() for found in self._ids[low : min(high, low + 4)])
-            raise InputError(f"{self.path}: {high - low} designs begin with {design_id}: {shown} ...; give more digits")
-        place = self._index.slice(low, 1).to_pylist()[0]
-        return read_rows(self.path, self._parts[place["part"]], columns).slice(place["row"], 1)
+        return found
 
-    def _matches(self, prefix: str) -> tuple[int, int]:
-        """Range of the sorted ids that begin with a prefix; 'g' follows all hex digits."""
-        low, high = np.searchsorted(self._ids, [prefix.encode(), prefix.encode() + b"g"])
-        return int(low), int(high)
+    def _found(self, prefix: str, columns: Sequence[str], parts: list[PartName] | None = None) -> Any:
+        """The row of the only design whose id begins with a prefix; None if there is none.
 
-    def _refresh(self) -> None:
-        """List the manifest anew: sorted ids, and where each row lies."""
-        self._parts = [part for part in list_parts(self.path) if part.rows]
-        table = self._rows(self._parts, _RANK)
-        sizes = [part.rows for part in self._parts]
-        if sum(sizes) != table.num_rows:
-            raise FarmError(f"{self.path}: a manifest part has other than the rows that its name says")
-        table = table.append_column("part", pa.array(np.repeat(np.arange(len(sizes)), sizes)))
-        row = np.concatenate([np.arange(size) for size in sizes]) if sizes else np.empty(0, np.int64)
-        table = table.append_column("row", pa.array(row)).take(_first_of_each(table))
-        self._index = table.select(["part", "row"])
-        self._ids = np.array(table.column("design_id").to_pylist(), "S32")
+        Args:
+            prefix: hex digits.
+            columns: columns of the row.
+            parts: where to look; where the last look was if None.
+        """
+        if parts is not None:
+            self._rows = Rows(self.path, parts)
+        try:
+            places = self._rows.beginning_with(prefix)
+            if not len(places):
+                return None
+            ranked = self._rows.take(RANK, places)
+            places = places[first_of_each(ranked)]
+            if len(places) > 1:
+                ids = self._rows.take(["design_id"], places[:4]).column(0).to_pylist()
+                raise InputError(
+                    f"{self.path}: {len(places)} designs begin with {prefix}: {', '.join(ids)} ...; give more digits"
+                )
+            return self._rows.take(columns, places)
+        except PartGoneError:
+            if parts is not None:
+                raise
+            return None
 
 
-def _first_of_each(table: Any) -> Any:
-    """Indices of the rows that stand, one for each design_id, in order of design_id."""
-    order = pc.sort_indices(table, [(name, "descending" if name == "kind" else "ascending") for name in _RANK])
-    ids = np.array(table.column("design_id").to_pylist(), "S32")[order.to_numpy()]
-    first = np.ones(len(ids), bool)
-    first[1:] = ids[1:] != ids[:-1]
-    return order.filter(pa.array(first))
+def _known(columns: Sequence[str]) -> list[str]:
+    """The columns, each once, if all of them exist."""
+    if unknown := [name for name in columns if name not in DESIGN_SCHEMA.names]:
+        raise InputError(f"no column {', '.join(unknown)}; the columns are {', '.join(DESIGN_SCHEMA.names)}")
+    return list(dict.fromkeys(columns))
 
 
 def _version(text: str) -> tuple[int, int]:

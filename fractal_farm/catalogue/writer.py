@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from fractal_farm.catalogue.durable import Durability, put, put_all
 from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, FORMAT, checked_run_id, crc32c, new_writer
-from fractal_farm.catalogue.parts import Footer, encoded_part
+from fractal_farm.catalogue.parts import Commit, encoded_part
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, GIVEN_SCHEMA, KINDS, OPTIONAL
 from fractal_farm.catalogue.shards import (
     CAPACITY,
@@ -181,16 +181,12 @@ class RunWriter:
             chunks = shard_files(clouds, ids, self._next_shard)
             files = {directory / chunk: content for chunk, content in chunks.items()}
         listed = files if not stored or self._announced else {**self._metadata(), **files}
-        footer = Footer(
-            epochs,
-            records,
-            {
-                path.relative_to(self._root).as_posix(): (len(content), crc32c(content))
-                for path, content in listed.items()
-            },
-        )
+        references = {
+            path.relative_to(self._root).as_posix(): (len(content), crc32c(content)) for path, content in listed.items()
+        }
         rows = self._placed(given, kept, clouds, stored)
-        name, content = encoded_part(rows, self._name, self._seq, footer)
+        commit = Commit(self._seq, given.num_rows, epochs, records, crc32c(records), references)
+        name, content = encoded_part(rows, self._name, commit)
         part = self._root / DESIGNS / name.file_name
         receipt = CommitReceipt(
             self._seq, given.num_rows, len(listed) + 1, len(content) + sum(map(len, listed.values()))

@@ -24,6 +24,7 @@ class Progress:
         mean_accepted: mean fitness of the accepted in the last epoch.
         settled: migrants that found a place.
         distinct: qualified designs of a shape that the run had not found before.
+        refused: genomes that got no score.
     """
 
     epochs: int = 0
@@ -36,6 +37,7 @@ class Progress:
     mean_accepted: float = 0.0
     settled: int = 0
     distinct: int = 0
+    refused: int = 0
 
 
 @dataclass(frozen=True)

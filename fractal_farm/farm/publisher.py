@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fractal_farm.catalogue import Catalogue, CommitReceipt, RunWriter, design_table, write_snapshot
 from fractal_farm.catalogue.fence import writing
-from fractal_farm.catalogue.parts import list_parts, read_footer
+from fractal_farm.catalogue.parts import list_parts, read_commits
 from fractal_farm.config import RunConfig
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
 from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, sample_candidates
@@ -102,10 +102,10 @@ class Publisher:
         if self._last is not None and self._last[0] == epochs:
             return self._last[1]
         for name in list_parts(self._root, self._run_id) if part.again else ():
-            footer = read_footer(self._root, name)
-            if footer.epochs == epochs:
-                written = sum(size for size, _ in footer.files.values())
-                return CommitReceipt(name.seq, name.rows, len(footer.files) + 1, written)
+            for commit in read_commits(self._root, name, records=False):
+                if commit.epochs == epochs:
+                    written = sum(size for size, _ in commit.files.values())
+                    return CommitReceipt(commit.seq, commit.rows, len(commit.files) + 1, written)
         return None
 
 

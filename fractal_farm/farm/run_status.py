@@ -26,6 +26,8 @@ FORECAST_HOURS = 10.0
 MIGRATION_EPOCHS = 10
 _SETTLED_SECONDS = 60.0
 _RATE_SECONDS = 60.0
+_SAMPLES = 40
+_DIGEST_ROWS = 100_000
 _COLUMNS = ("design_id", "kind", "fitness", "n_maps", "gap")
 _COUNTING_LIMITS = (
     ("epochs", "epochs"),
@@ -71,13 +73,14 @@ class RunMonitor:
         """The state of the run now.
 
         Args:
-            digest: also compute the content digest, which reads all rows again; None otherwise.
+            digest: also tell the content digest. Of a large catalogue it is the one that the end of the run recorded,
+                since it takes all columns of all rows to compute it; None without such an end, or if it is not wanted.
 
         Returns:
             run_id, name, path; state ("running", "ended", "interrupted"), reason, digest;
             the fields of `Progress` at the last commit, and `complete_epochs`, which may be ahead of it;
             designs, n_maps (designs by number of maps), printable (designs whose wall makes one body);
-            meshes, mesh_failures, refused (candidates without a score);
+            meshes, mesh_failures;
             elapsed_s, rate (evaluations a second, all sessions), rate_now (of the last minute of work; None until two
             moments are known), workers, executor, silent_s (since the last sign of life of a running farm);
             islands (island, epoch, best, mean_accepted, received by source and settled in the last epochs);
@@ -103,8 +106,9 @@ class RunMonitor:
         rows = standing_designs(history.rows())
         started: dict[str, Any] = next((entry for entry in reversed(history.log) if entry["event"] == "RunStarted"), {})
         stop = started.get("stop") or (history.config.stop.model_dump() if history.config else {})
-        samples = history.samples()
-        state, reason = _state(history, live)
+        samples = history.samples(_SAMPLES)
+        end = history.end()
+        state, reason = _state(end, live)
         left = time_left(samples, stop, now - _heard(history, now)) if state == "running" else None
         wall = history.config.solids.wall_mm / history.config.solids.size_mm if history.config else 0.0
         meshes = _readable(lambda: len(catalogue.solids()), damage)
@@ -115,7 +119,7 @@ class RunMonitor:
             "path": str(self._path),
             "state": state,
             "reason": reason,
-            "digest": _readable(lambda: catalogue.digest(self._run_id), damage) if digest else None,
+            "digest": self._digest(catalogue, usage.rows, end, damage) if digest else None,
             **asdict(progress),
             "complete_epochs": samples[-1][1]["epochs"] if samples else 0,
             "designs": rows.num_rows,
@@ -123,7 +127,6 @@ class RunMonitor:
             "printable": int(pc.sum(pc.less_equal(rows.column("gap"), wall)).as_py() or 0),
             "meshes": meshes or 0,
             "mesh_failures": sum(1 for entry in history.log if entry["event"] == "MeshFinished" and entry["failure"]),
-            "refused": int(sum(commit.statistics[:, STATISTICS.index("refused")].sum() for commit in history.commits)),
             "elapsed_s": elapsed_s,
             "rate": progress.evaluated / elapsed_s if elapsed_s > 0 else 0.0,
             "rate_now": _rate_now(samples) if state == "running" else None,
@@ -146,8 +149,13 @@ class RunMonitor:
         }
 
 
-def _state(history: RunHistory, live: bool) -> tuple[str, str | None]:
-    end = history.end()
+    def _digest(self, catalogue: Catalogue, rows: int, end: dict[str, Any] | None, damage: list[str]) -> Any:
+        if rows > _DIGEST_ROWS:
+            return end["digest"] if end else None
+        return _readable(lambda: catalogue.digest(self._run_id), damage)
+
+
+def _state(end: dict[str, Any] | None, live: bool) -> tuple[str, str | None]:
     if live:
         return "running", None
     finished = end is not None and not end["interrupted"]

@@ -76,7 +76,8 @@ def _digests(contents: Contents) -> Iterator[Finding]:
             if facts and isinstance(progress, dict) and "digest" in facts:
                 ends[key.split("/")[1]] = (key, progress.get("epochs", 0), facts["digest"])
     for run_id, (key, epochs, recorded) in ends.items():
-        reached = max((part.footer.epochs[1] + 1 for part in contents.parts if part.run_id == run_id), default=0)
+        mine = (commit for part in contents.parts if part.run_id == run_id for commit in part.commits)
+        reached = max((commit.epochs[1] + 1 for commit in mine), default=0)
         if reached == epochs and run_id not in contents.live:
             found = Catalogue(contents.root).digest(run_id)
             if found != recorded:
