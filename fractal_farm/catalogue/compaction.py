@@ -16,8 +16,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from fractal_farm.catalogue.durable import Durability, put
+from fractal_farm.catalogue.fence import take_over
 from fractal_farm.catalogue.layout import DESIGNS, PartName
 from fractal_farm.catalogue.parts import encoded_merged_part, list_parts, read_commits, read_rows, replaced_parts
+from fractal_farm.catalogue.reader import Catalogue
+from fractal_farm.catalogue.runs import run_lock
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.shards import ROOT, is_root_document, root_documents
 
@@ -41,6 +44,22 @@ class Compaction:
 
     def __add__(self, other: Compaction) -> Compaction:
         return Compaction(self.before + other.before, self.after + other.after, self.bytes + other.bytes)
+
+
+def compact_all(root: Path) -> Compaction:
+    """Merge small parts of all runs of a catalogue.
+
+    Raises:
+        InputError: no catalogue, or a process works on one of its runs.
+        StorageFullError: no space left; what is merged so far stays merged.
+        FarmError: a part is damaged, or the file system failed.
+    """
+    done = Compaction()
+    for run in Catalogue.open(root).runs():
+        with run_lock(root, run.run_id):
+            take_over(root, run.run_id)  # no writer of a dead session may come in between
+            done += compact(root, run.run_id)
+    return done
 
 
 def compact(

@@ -72,7 +72,9 @@ class PartName(NamedTuple):
         """Name of the file in `DESIGNS`."""
         if self.end is None:
             return f"{self.writer}~{self.seq:08d}~{self.rows:06d}~{self.checksum:08x}.parquet"
-        return f"{self.writer}~{self.seq:08d}-{self.last:08d}~{self.rows:06d}~{self.end:08x}~{self.checksum:08x}.parquet"
+        return (
+            f"{self.writer}~{self.seq:08d}-{self.last:08d}~{self.rows:06d}~{self.end:08x}~{self.checksum:08x}.parquet"
+        )
 
 
 def part_name(file_name: str) -> PartName | None:

@@ -29,6 +29,7 @@ ROW_GROUP = 8192
 """Rows that are read together of a merged part."""
 
 _DISTINCT_VALUES = [
+    "kind",
     "run_id",
     "writer",
     "cloud_array",
@@ -139,20 +140,31 @@ def encoded_merged_part(rows: Any, writer: str, commits: Sequence[Commit]) -> tu
     return PartName(writer, commits[0].seq, commits[-1].seq, rows.num_rows, crc32c(content), end), content
 
 
-def read_rows(root: Path, name: PartName, columns: Sequence[str], row_groups: Sequence[int] | None = None) -> Any:
+def read_rows(root: Path, name: PartName, columns: Sequence[str]) -> Any:
     """Columns of a part as a table; null where an older part lacks one.
-
-    Args:
-        root: directory of the catalogue.
-        name: the part.
-        columns: names of `DESIGN_SCHEMA`.
-        row_groups: only these groups of `ROW_GROUP` rows of a merged part.
 
     Raises:
         PartGoneError: the part is no longer there.
         FarmError: it is damaged.
     """
-    file = open_part(root, name)
+    return read_columns(root, name, open_part(root, name), columns)
+
+
+def read_columns(
+    root: Path, name: PartName, file: Any, columns: Sequence[str], row_groups: Sequence[int] | None = None
+) -> Any:
+    """The same of a part that is open.
+
+    Args:
+        root: directory of the catalogue.
+        name: the part.
+        file: what `open_part` gave.
+        columns: names of `DESIGN_SCHEMA`.
+        row_groups: only these groups of `ROW_GROUP` rows of a merged part.
+
+    Raises:
+        FarmError: it is damaged.
+    """
     present = set(file.schema_arrow.names)
     stored = [column for column in columns if column in present]
     try:
@@ -233,7 +245,7 @@ def open_part(root: Path, name: PartName) -> Any:
 
 def _listed(root: Path, run_id: str | None) -> tuple[list[PartName], list[PartName]]:
     directory = root / DESIGNS
-    names = [part_name(entry) for entry in os.listdir(directory)] if directory.is_dir() else []
+    names = [part_name(entry.name) for entry in directory.iterdir()] if directory.is_dir() else []
     mine = [name for name in names if name and (run_id is None or belongs_to(name.writer, run_id))]
     holding: list[PartName] = []
     replaced: list[PartName] = []

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
 from fractal_farm.catalogue.clouds import CLOUD_COLUMNS, CloudArrays, DenseClouds
 from fractal_farm.catalogue.digest import DIGEST_COLUMNS, content_digest
@@ -24,7 +23,7 @@ from fractal_farm.catalogue.layout import FEATURES, FORMAT, PartName
 from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_of_parts
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
-from fractal_farm.catalogue.scan import RANK, Rows, first_of_each
+from fractal_farm.catalogue.scan import RANK, Rows, first_of_each, indices
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.shards import ATTRIBUTE, ROOT, root_documents
 from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
@@ -60,7 +59,7 @@ class Catalogue:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._arrays = CloudArrays(path)
-        self._rows = Rows(path, [])
+        self._rows = Rows([])
 
     @classmethod
     def create(cls, path: str | os.PathLike[str]) -> Catalogue:
@@ -129,8 +128,8 @@ class Catalogue:
         wanted = _known(DESIGN_SCHEMA.names if columns is None else columns)
 
         def read(parts: list[PartName]) -> Any:
-            rows = Rows(self.path, parts)
-            return rows.read(wanted).take(pa.array(rows.best_first(rows.standing(ancestors=ancestors))))
+            rows = self._rows_of(parts)
+            return rows.read(wanted).take(indices(rows.best_first(rows.standing(ancestors=ancestors))))
 
         return read_of_parts(self.path, run_id, read)
 
@@ -162,11 +161,12 @@ class Catalogue:
         wanted, keys = _known(columns), _known([*names, order[0]])
 
         def read(parts: list[PartName]) -> tuple[Any, int]:
-            rows = Rows(self.path, parts)
+            rows = self._rows_of(parts)
+            rows.read(["design_id", "kind", *keys])
             places = rows.standing(ancestors=False)
-            table = rows.read(keys).append_column(_PLACE, pa.array(np.arange(len(rows)))).take(pa.array(places))
-            table = table if where is None else table.filter(where)
-            places = table.column(_PLACE).to_numpy()
+            if where is not None:
+                table = rows.read(keys).append_column(_PLACE, indices(np.arange(len(rows)))).take(indices(places))
+                places = table.filter(where).column(_PLACE).to_numpy()
             return rows.take(wanted, rows.first(places, *order, limit)), len(places)
 
         return read_of_parts(self.path, None, read)
@@ -240,9 +240,9 @@ class Catalogue:
                 files += 1
         return Usage(files, size, sum(part.rows for part in list_parts(self.path)))
 
-    def solids(self) -> list[SolidInfo]:
-        """The finished solids, in order of design and parameters."""
-        return list(list_solids(self.path))
+    def solids(self, design_id: str | None = None) -> list[SolidInfo]:
+        """The finished solids, in order of design and parameters; only those of one design if it is given."""
+        return list(list_solids(self.path, design_id))
 
     def add_solid(self, design_id: str, parameters_hash: str, files: Mapping[str, bytes]) -> bool:
         """Store a solid; all of its files appear at once.
@@ -274,6 +274,9 @@ class Catalogue:
             raise InputError(f"{self.path}: no design {design_id}; `farm list` shows the designs")
         return found
 
+    def _rows_of(self, parts: list[PartName]) -> Rows:
+        return Rows([(self.path, part) for part in parts])
+
     def _found(self, prefix: str, columns: Sequence[str], parts: list[PartName] | None = None) -> Any:
         """The row of the only design whose id begins with a prefix; None if there is none.
 
@@ -283,7 +286,7 @@ class Catalogue:
             parts: where to look; where the last look was if None.
         """
         if parts is not None:
-            self._rows = Rows(self.path, parts)
+            self._rows = self._rows_of(parts)
         try:
             places = self._rows.beginning_with(prefix)
             if not len(places):

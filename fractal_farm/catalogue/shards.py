@@ -11,14 +11,15 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Collection, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from numcodecs import blosc  # type: ignore[import-untyped]
 
 from fractal_farm.catalogue.layout import CLOUDS, FEATURES, FORMAT, crc32c
-from fractal_farm.ifs.quantised_cloud import QuantisedClouds
+
+if TYPE_CHECKING:
+    from fractal_farm.ifs.quantised_cloud import QuantisedClouds
 
 SHARD = 256
 """Designs in one shard; each commit begins a new one."""
@@ -155,6 +156,8 @@ def encoded_shard(points: npt.NDArray[np.uint16], empty: Collection[int] = ()) -
         points: (m, n, 3) uint16, m <= 256; the other slots stay empty.
         empty: slots below m that stay empty too.
     """
+    from numcodecs import blosc  # type: ignore[import-untyped]
+
     index = np.full((SHARD, 2), _EMPTY_SLOT, "<u8")
     pieces = []
     offset = 0
@@ -170,6 +173,8 @@ def encoded_shard(points: npt.NDArray[np.uint16], empty: Collection[int] = ()) -
 
 def decoded_slot(shard: bytes, slot: int, n_points: int) -> npt.NDArray[np.uint16] | None:
     """One cloud of a shard, (n_points, 3) uint16; None if it is damaged, or the slot is empty."""
+    from numcodecs import blosc
+
     index = _unsealed(shard[-(16 * SHARD + 4) :])
     if index is None or len(index) != 16 * SHARD:
         return None

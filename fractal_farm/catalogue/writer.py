@@ -10,7 +10,7 @@ import datetime as dt
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,9 @@ from fractal_farm.catalogue.shards import (
     shard_files,
 )
 from fractal_farm.errors import FarmError
-from fractal_farm.ifs.quantised_cloud import QuantisedClouds
+
+if TYPE_CHECKING:
+    from fractal_farm.ifs.quantised_cloud import QuantisedClouds
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import enum
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, write_file
 from fractal_farm.errors import InputError
+
+if TYPE_CHECKING:
+    from fractal_farm.catalogue import Catalogue
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
 
@@ -54,12 +57,9 @@ def list_designs(
     form = Format.JSON if as_json else form
     if form is Format.PARQUET and output is None and sys.stdout.isatty():
         raise InputError("--format parquet: not for a terminal; give a file with --output")
-    table = _selected(Catalogue.open(directory).designs(), where, sort)
-    total = table.num_rows
     if form is Format.TABLE and limit is None:
         limit = _TABLE_ROWS
-    table = table.slice(0, limit) if limit is not None else table
-    table = table.select(_chosen(columns, form, table.column_names))
+    table, total = _selected(Catalogue.open(directory), _chosen(columns, form), where, sort, limit)
     if form is Format.TABLE and output is None:
         print_table(table.column_names, [list(row.values()) for row in table.to_pylist()])
         typer.echo(f"{table.num_rows} of {total} designs", err=True)
@@ -114,31 +114,35 @@ def show(
     )
 
 
-def _selected(table: Any, where: str | None, sort: str) -> Any:
+def _selected(
+    catalogue: Catalogue, columns: list[str], where: str | None, sort: str, limit: int | None
+) -> tuple[Any, int]:
+    """The first designs of a selection, and how many it has."""
     import pyarrow as pa
 
-    from fractal_farm.cli.where import filter_expression
+    from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+    from fractal_farm.cli.where import column_names, filter_expression
 
-    if where is not None:
-        expression = filter_expression(where, table.column_names)
-        try:
-            table = table.filter(expression)
-        except (pa.ArrowException, TypeError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(f"--where {where!r}: {reason}; compare numbers with numbers") from None
+    known = DESIGN_SCHEMA.names
+    expression = None if where is None else filter_expression(where, known)
     name, _, direction = sort.strip().partition(" ")
     direction = direction.strip().lower()
-    if name not in table.column_names or direction not in ("", "asc", "desc"):
-        raise InputError(f"--sort {sort!r}: give a column, with asc or desc; columns: {', '.join(table.column_names)}")
-    order = "descending" if direction == "desc" else "ascending"
-    keys = [(name, order)] if name == "design_id" else [(name, order), ("design_id", "ascending")]
+    if name not in known or direction not in ("", "asc", "desc"):
+        raise InputError(f"--sort {sort!r}: give a column, with asc or desc; columns: {', '.join(known)}")
+    if pa.types.is_nested(DESIGN_SCHEMA.field(name).type):
+        raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values")
+    names = [] if where is None else column_names(where)
     try:
-        return table.sort_by(keys)
-    except pa.ArrowException:
-        raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values") from None
+        return catalogue.select(columns, expression, names, (name, direction == "desc"), limit)
+    except (pa.ArrowException, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"--where {where!r}: {reason}; compare numbers with numbers") from None
 
 
-def _chosen(columns: str | None, form: Format, known: list[str]) -> list[str]:
+def _chosen(columns: str | None, form: Format) -> list[str]:
+    from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+
+    known = DESIGN_SCHEMA.names
     if columns is None:
         return [name for name in _SHORT_COLUMNS if name in known] if form is Format.TABLE else known
     chosen = known if columns.strip() == "all" else [name.strip() for name in columns.split(",")]
@@ -193,5 +197,5 @@ def _files(catalogue: Any, row: dict[str, Any]) -> list[str]:
     cloud = []
     if row["cloud_row"] is not None:
         cloud = [f"clouds/{row['writer']}/{row['cloud_array']}[{row['cloud_row']}]"]
-    solids = [solid for solid in catalogue.solids() if solid.design_id == row["design_id"]]
+    solids = catalogue.solids(row["design_id"])
     return cloud + [str(path.relative_to(catalogue.path)) for solid in solids for path in solid.files.values()]

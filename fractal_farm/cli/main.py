@@ -15,7 +15,17 @@ from typing import Annotated
 import typer
 
 from fractal_farm import __version__
-from fractal_farm.cli import bench, catalogue_commands, design_commands, doctor, jobs, run_commands, status, verify
+from fractal_farm.cli import (
+    bench,
+    catalogue_commands,
+    design_commands,
+    doctor,
+    exchange_commands,
+    jobs,
+    run_commands,
+    status,
+    verify,
+)
 from fractal_farm.errors import FarmError, InputError
 
 app = typer.Typer(
@@ -39,6 +49,7 @@ app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
 app.command("verify")(verify.verify)
+app.command("compact")(exchange_commands.compact)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
 

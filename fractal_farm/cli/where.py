@@ -14,6 +14,7 @@ from typing import Any
 
 import pyarrow.compute as pc
 
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.errors import InputError
 
 LENGTH_LIMIT = 1000
@@ -119,3 +120,13 @@ def _not_understood(node: ast.AST, text: str) -> InputError:
     return InputError(
         f"--where: {what!r} is not understood; use columns, numbers, texts, and, or, not, in, == < > + - * /"
     )
+
+
+def column_names(text: str) -> list[str]:
+    """The columns that a filter refers to, each once.
+
+    Args:
+        text: an expression that `filter_expression` understands.
+    """
+    names = (node.id for node in ast.walk(ast.parse(text.strip(), mode="eval")) if isinstance(node, ast.Name))
+    return [name for name in dict.fromkeys(names) if name in DESIGN_SCHEMA.names]

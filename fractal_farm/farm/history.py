@@ -82,7 +82,12 @@ class Commit:
     def exchanges(self) -> list[tuple[int, int, list[tuple[int, int]], int]]:
         """(island, epoch, arrivals as (source, number), how many of them settled), one for each record."""
         return [
-            (record["island"], record["epoch"], [(source, sent) for source, sent in record["arrivals"]], record["settled"])
+            (
+                record["island"],
+                record["epoch"],
+                [(source, sent) for source, sent in record["arrivals"]],
+                record["settled"],
+            )
             for record in self._summary["records"]
         ]
 

@@ -148,7 +148,6 @@ class RunMonitor:
             "damage": damage,
         }
 
-
     def _digest(self, catalogue: Catalogue, rows: int, end: dict[str, Any] | None, damage: list[str]) -> Any:
         if rows > _DIGEST_ROWS:
             return end["digest"] if end else None

@@ -19,6 +19,8 @@ from fractal_farm.catalogue import (
     run_ids,
     run_lock,
 )
+from fractal_farm.catalogue.compaction import compact
+from fractal_farm.catalogue.parts import list_parts
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError, StorageFullError
@@ -35,6 +37,7 @@ from fractal_farm.farm.stopping import chosen_run, stop_requested, withdraw_stop
 from fractal_farm.farm.workforce import Workforce, workforce
 
 _LOSSES_WITHOUT_COMMIT = 5
+_PARTS = 64  # of a run that ends, at most, before they are merged
 INTERRUPTED = 130
 
 
@@ -243,6 +246,7 @@ def _stretch(
         )
         reason = run.evolve()
         run.mesh_the_rest()
+    _tidy(config, root)
     ended = RunEnded(
         reason,
         interrupted() is not None,
@@ -261,6 +265,13 @@ def _stretch(
         sheet = None
     announce(ended)
     return RunSummary(run_id, config.name, root, ended, sheet)
+
+
+def _tidy(config: RunConfig, root: Path) -> None:
+    """Merge small parts if there are many; without room on the disk they stay as they are."""
+    if len(list_parts(root, config.run_id)) > _PARTS:
+        with contextlib.suppress(StorageFullError):
+            compact(root, config.run_id, config.catalogue.durability)
 
 
 def _check_target(out: Path, config: RunConfig, into: bool) -> None:

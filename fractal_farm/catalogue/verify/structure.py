@@ -146,9 +146,7 @@ def _clouds(contents: Contents) -> Iterator[Finding]:
 def clouds_in(contents: Contents, key: str) -> tuple[str, ...]:
     """The designs whose clouds a cloud file holds; all of its writer's if it is metadata."""
     chunk = key.rpartition("/")[2].split(".")
-    rows = contents.rows(
-        contents.part_of[key], ["design_id", "cloud_row"], int(chunk[1]) if chunk[0] == "c" else None
-    )
+    rows = contents.rows(contents.part_of[key], ["design_id", "cloud_row"], int(chunk[1]) if chunk[0] == "c" else None)
     return tuple(rows.filter(pc.is_valid(rows.column("cloud_row"))).column("design_id").to_pylist())
 
 
