@@ -9,12 +9,13 @@ what is read of it is checked page by page, and its footer against a checksum of
 from __future__ import annotations
 
 import base64
+import functools
 import io
 import json
 import os
 import zlib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -205,19 +206,17 @@ def read_commits(root: Path, name: PartName, *, records: bool | Collection[int] 
     def wanted(seq: int) -> bool:
         return records if isinstance(records, bool) else seq in records
 
-    metadata: Mapping[bytes, bytes] = open_part(root, name).metadata.metadata
     if not name.is_merged:
+        metadata: Mapping[bytes, bytes] = open_part(root, name).metadata.metadata
         first, last = json.loads(metadata[b"farm.epochs"])
         files = _file_dictionary(json.loads(metadata[b"farm.shards"]))
         blob = base64.b64decode(metadata[b"farm.records"])
         return [Commit(name.seq, name.rows, (first, last), blob if wanted(name.seq) else b"", crc32c(blob), files)]
     with _opened(root, name) as file:
-        entries = json.loads(zlib.decompress(_piece(root, name, file, json.loads(metadata[b"farm.commits"]))))
-        commits = []
-        for seq, rows, epochs, place, files in entries:
-            blob = _piece(root, name, file, place) if wanted(seq) else b""
-            commits.append(Commit(seq, rows, (epochs[0], epochs[1]), blob, place[2], _file_dictionary(files)))
-        return commits
+        return [
+            replace(commit, records=_piece(root, name, file, place)) if wanted(commit.seq) else commit
+            for commit, place in _merged_commits(root, name)
+        ]
 
 
 def open_part(root: Path, name: PartName) -> Any:
@@ -241,6 +240,18 @@ def open_part(root: Path, name: PartName) -> Any:
     if crc32c(end) != name.end:
         raise _damaged(root, name, f"the checksum of its footer is {crc32c(end):08x}")
     return pq.ParquetFile(root / DESIGNS / name.file_name, page_checksum_verification=True)
+
+
+@functools.lru_cache(maxsize=64)
+def _merged_commits(root: Path, name: PartName) -> list[tuple[Commit, tuple[int, int, int]]]:
+    """The commits of a merged part without their records, and where those lie in it: (offset, length, CRC32C)."""
+    place = json.loads(open_part(root, name).metadata.metadata[b"farm.commits"])
+    with _opened(root, name) as file:
+        entries = json.loads(zlib.decompress(_piece(root, name, file, place)))
+    return [
+        (Commit(seq, rows, (epochs[0], epochs[1]), b"", place[2], _file_dictionary(files)), tuple(place))
+        for seq, rows, epochs, place, files in entries
+    ]
 
 
 def _listed(root: Path, run_id: str | None) -> tuple[list[PartName], list[PartName]]:

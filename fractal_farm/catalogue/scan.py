@@ -144,6 +144,17 @@ def places_of(numbers: Any) -> Places:
     return np.frombuffer(numbers.buffers()[1], np.int64, len(numbers), 8 * numbers.offset)
 
 
+def numbers(column: Any) -> npt.NDArray[Any]:
+    """A column of integers or floats without nulls; Arrow's own way would import pandas."""
+    kind = column.type
+    pieces = [
+        np.ndarray(len(chunk), kind.to_pandas_dtype(), chunk.buffers()[1], chunk.offset * kind.byte_width)
+        for chunk in column.chunks
+        if len(chunk)
+    ]
+    return np.concatenate([np.zeros(0, kind.to_pandas_dtype()), *pieces])
+
+
 def first_of_each(table: Any) -> Places:
     """Indices of the rows that stand in a table with the columns of `RANK`, in order of design_id."""
     keys = [(name, "descending" if name == "kind" else "ascending") for name in RANK]
@@ -154,9 +165,8 @@ def first_of_each(table: Any) -> Places:
     return np.asarray(order[first], np.int64)
 
 
-def one_of_each(column: Any) -> Places:
-    """Indices of the first row of each id of a column of design_ids, in their order."""
-    places = np.arange(len(column))
+def one_of_each(column: Any, places: Places) -> Places:
+    """Of some rows the first of each id of a column of design_ids, in their order."""
     repeated = _repeated(column, places)
     if not len(repeated):
         return places
@@ -187,15 +197,11 @@ def _near_the_end(column: Any, places: Places, descending: bool, limit: int) -> 
     kind = column.type
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)) or column.null_count or limit >= len(places):
         return places
-    pieces = [
-        np.ndarray(len(chunk), kind.to_pandas_dtype(), chunk.buffers()[1], chunk.offset * kind.byte_width)
-        for chunk in column.chunks
-    ]
-    numbers = np.concatenate(pieces)[places]
-    if np.isnan(numbers).any():
+    values = numbers(column)[places]
+    if np.isnan(values).any():
         return places
-    numbers = -numbers if descending else numbers
-    return np.asarray(places[numbers <= np.partition(numbers, limit - 1)[limit - 1]], np.int64)
+    values = -values if descending else values
+    return np.asarray(places[values <= np.partition(values, limit - 1)[limit - 1]], np.int64)
 
 
 def _repeated(column: Any, places: Places) -> Places:

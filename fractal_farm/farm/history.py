@@ -21,8 +21,8 @@ import pyarrow.compute as pc
 from fractal_farm.catalogue import read_run, run_ends
 from fractal_farm.catalogue.layout import PartName
 from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_commits, read_of_parts, read_rows
-from fractal_farm.catalogue.scan import one_of_each
-from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+from fractal_farm.catalogue.scan import empty_table, indices, one_of_each, places_of
+from fractal_farm.catalogue.schema import KINDS
 from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError
@@ -149,9 +149,8 @@ class RunHistory:
 
     def rows(self) -> Any:
         """All rows committed, duplicates included, as one table."""
-        empty = pa.schema([DESIGN_SCHEMA.field(name) for name in self._columns]).empty_table()
         sound = [part.rows for part in self._parts.values() if isinstance(part, _Part)]
-        return pa.concat_tables([empty, *sound]).combine_chunks()
+        return pa.concat_tables([empty_table(self._columns), *sound])
 
     def end(self) -> dict[str, Any] | None:
         """How the run ended; None if it never did, or went on since then."""
@@ -162,10 +161,10 @@ class RunHistory:
         """Moments of the run in order: commits, and complete epochs of the log, committed or not.
 
         Args:
-            most: look at about so many commits, spread evenly, and the last.
+            most: look at about so many commits, spread evenly, and at the last.
         """
-        step = 1 if most is None else -(-len(self.commits) // most)
-        looked_at = [*self.commits[:-1][:: max(step, 1)], *self.commits[-1:]]
+        step = 1 if most is None else max(1, len(self.commits) // max(most, 1))
+        looked_at = [*(self.commits[:-1][::step] if most != 0 else ()), *self.commits[-1:]]
         samples = [(commit.elapsed_s, asdict(commit.progress)) for commit in looked_at]
         for entry in self.log:
             if entry["event"] == "EpochCompleted":
@@ -245,7 +244,8 @@ class RunHistory:
                 self.log.append(entry)
 
 
-def standing_designs(rows: Any) -> Any:
-    """The designs among rows of a manifest, each once, in their order."""
-    rows = rows.filter(pc.equal(rows.column("kind"), "design"))
-    return rows.take(pa.array(one_of_each(rows.column("design_id"))))
+def standing_designs(rows: Any, columns: Sequence[str] | None = None) -> Any:
+    """The designs among rows of a manifest, each once, in their order; with these columns alone if they are given."""
+    designs = places_of(pc.indices_nonzero(pc.starts_with(rows.column("kind"), KINDS[0])))
+    chosen = one_of_each(rows.column("design_id"), designs)
+    return rows.select(rows.column_names if columns is None else columns).take(indices(chosen))

@@ -14,9 +14,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.compute as pc
 
 from fractal_farm.catalogue import Catalogue, run_is_live
+from fractal_farm.catalogue.scan import numbers
 from fractal_farm.errors import FarmError
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.history import STATISTICS, Commit, RunHistory, Sample, standing_designs
@@ -28,7 +30,7 @@ _SETTLED_SECONDS = 60.0
 _RATE_SECONDS = 60.0
 _SAMPLES = 40
 _DIGEST_ROWS = 100_000
-_COLUMNS = ("design_id", "kind", "fitness", "n_maps", "gap")
+_COLUMNS = ("design_id", "kind", "n_maps", "gap")
 _COUNTING_LIMITS = (
     ("epochs", "epochs"),
     ("evaluations", "evaluated"),
@@ -103,10 +105,10 @@ class RunMonitor:
         progress = last.progress if last else Progress()
         elapsed_s = last.elapsed_s if last else 0.0
         usage = catalogue.usage()
-        rows = standing_designs(history.rows())
+        rows = standing_designs(history.rows(), ["n_maps", "gap"])
         started: dict[str, Any] = next((entry for entry in reversed(history.log) if entry["event"] == "RunStarted"), {})
         stop = started.get("stop") or (history.config.stop.model_dump() if history.config else {})
-        samples = history.samples(_SAMPLES)
+        samples = history.samples(_SAMPLES if live else 0)
         end = history.end()
         state, reason = _state(end, live)
         left = time_left(samples, stop, now - _heard(history, now)) if state == "running" else None
@@ -123,8 +125,8 @@ class RunMonitor:
             **asdict(progress),
             "complete_epochs": samples[-1][1]["epochs"] if samples else 0,
             "designs": rows.num_rows,
-            "n_maps": {str(k): n for k, n in sorted(Counter(rows.column("n_maps").to_pylist()).items())},
-            "printable": int(pc.sum(pc.less_equal(rows.column("gap"), wall)).as_py() or 0),
+            "n_maps": _counts(rows.column("n_maps")),
+            "printable": printable(rows, wall),
             "meshes": meshes or 0,
             "mesh_failures": sum(1 for entry in history.log if entry["event"] == "MeshFinished" and entry["failure"]),
             "elapsed_s": elapsed_s,
@@ -152,6 +154,16 @@ class RunMonitor:
         if rows > _DIGEST_ROWS:
             return end["digest"] if end else None
         return _readable(lambda: catalogue.digest(self._run_id), damage)
+
+
+def printable(designs: Any, wall: float) -> int:
+    """How many designs are one body with a wall of this share of their size."""
+    return int(np.count_nonzero(numbers(designs.column("gap").drop_null()) <= wall))
+
+
+def _counts(n_maps: Any) -> dict[str, int]:
+    counted = pc.value_counts(n_maps).to_pylist()
+    return {str(entry["values"]): entry["counts"] for entry in sorted(counted, key=lambda entry: entry["values"])}
 
 
 def _state(end: dict[str, Any] | None, live: bool) -> tuple[str, str | None]:
