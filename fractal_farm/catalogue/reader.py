@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.catalogue.clouds import CLOUD_COLUMNS, CloudArrays, DenseClouds
-from fractal_farm.catalogue.digest import DIGEST_COLUMNS, content_digest
+from fractal_farm.catalogue.digest import BLOCK, DIGEST_COLUMNS, content_digest
 from fractal_farm.catalogue.durable import put
 from fractal_farm.catalogue.layout import FEATURES, FORMAT, PartName
 from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_of_parts
@@ -222,7 +222,16 @@ class Catalogue:
 
     def digest(self, run_id: str | None = None) -> str:
         """The content digest, 32 hex digits: equal for equal results, however they came about; ancestors count."""
-        return content_digest(self.designs(DIGEST_COLUMNS, run_id, ancestors=True))
+
+        def read(parts: list[PartName]) -> str:
+            rows = self._rows_of(parts)
+            rows.read(DIGEST_COLUMNS)
+            places = rows.first(rows.standing(ancestors=True), "design_id", descending=False)
+            return content_digest(
+                rows.take(DIGEST_COLUMNS, places[start : start + BLOCK]) for start in range(0, len(places), BLOCK)
+            )
+
+        return read_of_parts(self.path, run_id, read)
 
     def runs(self) -> list[RunInfo]:
         """The runs of this catalogue, in order of their ids."""

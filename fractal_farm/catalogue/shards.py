@@ -71,8 +71,13 @@ def is_root_document(key: str, content: bytes) -> bool:
 
 
 @functools.cache
-def array_metadata(n_points: int) -> dict[str, bytes]:
-    """zarr.json of each array of a writer whose clouds have n_points points: array name -> content."""
+def array_metadata(n_points: int, rows: int = CAPACITY) -> dict[str, bytes]:
+    """zarr.json of each array of a group whose clouds have n_points points: array name -> content.
+
+    Args:
+        n_points: points of a cloud.
+        rows: designs that the arrays have room for.
+    """
     import zarr
     from zarr.codecs import BloscCodec, Crc32cCodec
 
@@ -85,7 +90,7 @@ def array_metadata(n_points: int) -> dict[str, bytes]:
     zarr.create_array(
         store,
         name=POINTS,
-        shape=(CAPACITY, n_points, 3),
+        shape=(rows, n_points, 3),
         chunks=(1, n_points, 3),
         shards=(SHARD, n_points, 3),
         dtype="uint16",
@@ -104,7 +109,7 @@ def array_metadata(n_points: int) -> dict[str, bytes]:
     zarr.create_array(
         store,
         name=TRANSFORM,
-        shape=(CAPACITY, 4),
+        shape=(rows, 4),
         chunks=(SHARD, 4),
         dtype="float32",
         compressors=[Crc32cCodec()],
@@ -115,7 +120,7 @@ def array_metadata(n_points: int) -> dict[str, bytes]:
     zarr.create_array(
         store,
         name=DESIGN_ID,
-        shape=(CAPACITY, _ID_BYTES),
+        shape=(rows, _ID_BYTES),
         chunks=(SHARD, _ID_BYTES),
         dtype="uint8",
         compressors=[Crc32cCodec()],
