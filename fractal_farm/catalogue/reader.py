@@ -23,7 +23,7 @@ from fractal_farm.catalogue.layout import FEATURES, FORMAT, PartName
 from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_of_parts
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
-from fractal_farm.catalogue.scan import RANK, Rows, first_of_each, indices
+from fractal_farm.catalogue.scan import RANK, Places, Rows, first_of_each, indices
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.shards import ATTRIBUTE, ROOT, root_documents
 from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
@@ -158,16 +158,20 @@ class Catalogue:
             FarmError: a manifest part is missing or damaged.
             pyarrow.ArrowException: an expression or a column to sort by that does not fit its types.
         """
-        wanted, keys = _known(columns), _known([*names, order[0]])
+        wanted = _known(columns)
 
         def read(parts: list[PartName]) -> tuple[Any, int]:
-            rows = self._rows_of(parts)
-            rows.read(["design_id", "kind", *keys])
-            places = rows.standing(ancestors=False)
-            if where is not None:
-                table = rows.read(keys).append_column(_PLACE, indices(np.arange(len(rows)))).take(indices(places))
-                places = table.filter(where).column(_PLACE).to_numpy()
+            rows, places = self._selected(parts, where, _known([*names, order[0]]))
             return rows.take(wanted, rows.first(places, *order, limit)), len(places)
+
+        return read_of_parts(self.path, None, read)
+
+    def selection(self, where: Any = None, names: Sequence[str] = ()) -> tuple[Rows, Places]:
+        """The manifest's rows, and the numbers of those that an expression is true of, best first; see `select`."""
+
+        def read(parts: list[PartName]) -> tuple[Rows, Places]:
+            rows, places = self._selected(parts, where, _known([*names, "fitness"]))
+            return rows, rows.best_first(places)
 
         return read_of_parts(self.path, None, read)
 
@@ -282,6 +286,15 @@ class Catalogue:
         if found is None:
             raise InputError(f"{self.path}: no design {design_id}; `farm list` shows the designs")
         return found
+
+    def _selected(self, parts: list[PartName], where: Any, keys: Sequence[str]) -> tuple[Rows, Places]:
+        rows = self._rows_of(parts)
+        rows.read(["design_id", "kind", *keys])
+        places = rows.standing(ancestors=False)
+        if where is not None:
+            table = rows.read(keys).append_column(_PLACE, indices(np.arange(len(rows)))).take(indices(places))
+            places = table.filter(where).column(_PLACE).to_numpy()
+        return rows, places
 
     def _rows_of(self, parts: list[PartName]) -> Rows:
         return Rows([(self.path, part) for part in parts])

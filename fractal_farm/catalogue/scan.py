@@ -120,8 +120,10 @@ class Rows:
     def _chosen(self, number: int, columns: Sequence[str], rows: Places) -> Any:
         """Rows of a part, given in ascending order; of a merged one only the groups that hold them are read."""
         root, name = self._parts[number]
-        if not name.is_merged or all(column in self._columns[number] for column in columns):
+        if all(column in self._columns[number] for column in columns):
             return self._whole(number, columns).take(indices(rows))
+        if not name.is_merged:
+            return read_columns(root, name, self._open(root, name), columns).take(indices(rows))
         groups, group_of = np.unique(rows // ROW_GROUP, return_inverse=True)
         table = read_columns(root, name, self._open(root, name), columns, groups.tolist())
         return table.take(indices(group_of * ROW_GROUP + rows % ROW_GROUP))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 SHARD = 256
 """Designs in one shard; each commit begins a new one."""
+INDEX_BYTES = 16 * SHARD + 4
+"""Of the places of the clouds in a shard, at its end."""
 CAPACITY = 1 << 20
 """Declared rows of a writer's arrays."""
 ROOT = "zarr.json"
@@ -161,37 +163,57 @@ def encoded_shard(points: npt.NDArray[np.uint16], empty: Collection[int] = ()) -
         points: (m, n, 3) uint16, m <= 256; the other slots stay empty.
         empty: slots below m that stay empty too.
     """
+    return joined_pieces(b"" if slot in empty else encoded_cloud(cloud) for slot, cloud in enumerate(points))
+
+
+def joined_pieces(clouds: Iterable[bytes]) -> bytes:
+    """One shard of clouds that are encoded already, each in its slot; an empty one leaves its slot empty."""
+    index = np.full((SHARD, 2), _EMPTY_SLOT, "<u8")
+    pieces = list(clouds)
+    offset = 0
+    for slot, piece in enumerate(pieces):
+        if piece:
+            index[slot] = offset, len(piece)
+            offset += len(piece)
+    return b"".join([*pieces, _sealed(index.tobytes())])
+
+
+def encoded_cloud(points: npt.NDArray[np.uint16]) -> bytes:
+    """One cloud as it lies in a shard: a blosc chunk and its CRC32C."""
     from numcodecs import blosc  # type: ignore[import-untyped]
 
-    index = np.full((SHARD, 2), _EMPTY_SLOT, "<u8")
-    pieces = []
-    offset = 0
-    for slot, cloud in enumerate(points.astype("<u2", copy=False)):
-        if slot in empty:
-            continue
-        piece = _sealed(blosc.compress(cloud.tobytes(), b"zstd", 3, blosc.BITSHUFFLE, 0, 2))
-        index[slot] = offset, len(piece)
-        offset += len(piece)
-        pieces.append(piece)
-    return b"".join([*pieces, _sealed(index.tobytes())])
+    return _sealed(blosc.compress(points.astype("<u2", copy=False).tobytes(), b"zstd", 3, blosc.BITSHUFFLE, 0, 2))
+
+
+def decoded_cloud(piece: bytes, n_points: int) -> npt.NDArray[np.uint16] | None:
+    """The inverse of `encoded_cloud`; None if the piece is damaged."""
+    from numcodecs import blosc
+
+    content = _unsealed(piece)
+    if content is None:
+        return None
+    try:
+        points = np.frombuffer(blosc.decompress(content), "<u2")
+    except (RuntimeError, ValueError):
+        return None
+    return points.reshape(n_points, 3) if points.size == 3 * n_points else None
 
 
 def decoded_slot(shard: bytes, slot: int, n_points: int) -> npt.NDArray[np.uint16] | None:
     """One cloud of a shard, (n_points, 3) uint16; None if it is damaged, or the slot is empty."""
-    from numcodecs import blosc
+    places = decoded_index(shard[-INDEX_BYTES:])
+    if places is None:
+        return None
+    offset, length = places[slot]
+    return decoded_cloud(shard[offset : offset + length], n_points)
 
-    index = _unsealed(shard[-(16 * SHARD + 4) :])
-    if index is None or len(index) != 16 * SHARD:
+
+def decoded_index(content: bytes) -> list[tuple[int, int]] | None:
+    """(offset, length) of the cloud in each slot, from the last `INDEX_BYTES` of a shard; None if it is damaged."""
+    index = _unsealed(content)
+    if index is None or len(content) != INDEX_BYTES:
         return None
-    offset, length = (int(number) for number in np.frombuffer(index, "<u8").reshape(SHARD, 2)[slot])
-    piece = _unsealed(shard[offset : offset + length])
-    if piece is None:
-        return None
-    try:
-        points = np.frombuffer(blosc.decompress(piece), "<u2")
-    except (RuntimeError, ValueError):
-        return None
-    return points.reshape(n_points, 3) if points.size == 3 * n_points else None
+    return [(offset, length) for offset, length in np.frombuffer(index, "<u8").reshape(SHARD, 2).tolist()]
 
 
 def _encoded_chunk(rows: npt.NDArray[Any]) -> bytes:

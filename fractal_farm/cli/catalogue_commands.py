@@ -121,22 +121,18 @@ def _selected(
     import pyarrow as pa
 
     from fractal_farm.catalogue.schema import DESIGN_SCHEMA
-    from fractal_farm.cli.where import column_names, filter_expression
+    from fractal_farm.cli.where import explained_selection, selection_of
 
     known = DESIGN_SCHEMA.names
-    expression = None if where is None else filter_expression(where, known)
+    expression, names = selection_of(where)
     name, _, direction = sort.strip().partition(" ")
     direction = direction.strip().lower()
     if name not in known or direction not in ("", "asc", "desc"):
         raise InputError(f"--sort {sort!r}: give a column, with asc or desc; columns: {', '.join(known)}")
     if pa.types.is_nested(DESIGN_SCHEMA.field(name).type):
         raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values")
-    names = [] if where is None else column_names(where)
-    try:
+    with explained_selection(where):
         return catalogue.select(columns, expression, names, (name, direction == "desc"), limit)
-    except (pa.ArrowException, TypeError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"--where {where!r}: {reason}; compare numbers with numbers") from None
 
 
 def _chosen(columns: str | None, form: Format) -> list[str]:

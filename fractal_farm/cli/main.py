@@ -50,6 +50,7 @@ app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
 app.command("verify")(verify.verify)
 app.command("compact")(exchange_commands.compact)
+app.command("export")(exchange_commands.export)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
 
