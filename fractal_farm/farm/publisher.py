@@ -79,6 +79,7 @@ class Publisher:
         columns = _columns(rows) | {
             "kind": ["design" if is_kept else "ancestor" for is_kept in kept],
             "gap": gaps,
+            "distinct": [bool(row["distinct"]) if is_kept else None for row, is_kept in zip(rows, kept, strict=True)],
             "similarity_dimension": [similarity_dimension(genome) for genome in genomes],
             "descriptor": [
                 (self._descriptor(genome) if np.isnan(row["descriptor"][0]) else row["descriptor"]) if is_kept else None
