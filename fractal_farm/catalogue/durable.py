@@ -12,7 +12,7 @@ import fcntl
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Literal
@@ -108,10 +108,14 @@ def put_directory(path: Path, files: Mapping[str, bytes], durability: Durability
 
 
 @contextmanager
-def new_directory(path: Path) -> Iterator[Path]:
+def new_directory(path: Path, outside: Sequence[Path] = ()) -> Iterator[Path]:
     """Fill a directory beside its place, whatever its size; it appears there, durably, when the block ends.
 
     What a killed process left of an earlier attempt is removed first.
+
+    Args:
+        path: the directory.
+        outside: directories that it must not lie in.
 
     Yields:
         The directory to fill.
@@ -123,6 +127,9 @@ def new_directory(path: Path) -> Iterator[Path]:
     """
     if path.exists():
         raise InputError(f"{path}: exists already; name a new directory")
+    for other in outside:
+        if path.resolve().is_relative_to(other.resolve()):
+            raise InputError(f"{path}: lies in {other}; name a directory outside of it")
     with _explained(path, 0):
         make_directory(path.absolute().parent)
         for left in path.parent.glob(f".{path.name}.*{PARTIAL}"):

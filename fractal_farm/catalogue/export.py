@@ -107,7 +107,7 @@ def _exported(
     licence: str,
     told: Mapping[str, Any],
 ) -> Exported:
-    with new_directory(out) as place:
+    with new_directory(out, [catalogue.path]) as place:
         rows, places = catalogue.selection(where, names)
         if not len(places):
             raise InputError(f"{catalogue.path}: no design to export; `farm list` shows the designs")

@@ -68,3 +68,23 @@ def export(
     else:
         which = f" and {done.clouds:,} clouds" if done.clouds else ""
         say(f"{to}: {done.designs:,} designs{which}, {byte_count(done.bytes)}")
+
+
+def merge(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="New directory for the catalogue.")],
+    directories: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Catalogues.")],
+    as_json: AsJson = False,
+) -> None:
+    """Put several catalogues together in a new one; they stay as they are.
+
+    Each design counts once. The column distinct marks the best of each shape. Runs keep their records: farm resume
+    OUT --run ID goes on with one of them.
+    """
+    from fractal_farm.farm.merging import merge as put_together
+
+    done = put_together(out, directories)
+    if as_json:
+        print_json(asdict(done))
+    else:
+        runs = "1 run" if len(done.runs) == 1 else f"{len(done.runs)} runs"
+        say(f"{out}: {done.designs:,} designs of {runs}, {done.distinct:,} of them distinct")

@@ -51,6 +51,7 @@ app.command("mesh")(design_commands.mesh)
 app.command("verify")(verify.verify)
 app.command("compact")(exchange_commands.compact)
 app.command("export")(exchange_commands.export)
+app.command("merge")(exchange_commands.merge)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
 

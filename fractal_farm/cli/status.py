@@ -155,7 +155,9 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         "islands": _many(map(_island, facts["islands"]), _ISLANDS_SHOWN),
         "migration": _migration(facts),
         "failures": _many(map(_failure, facts["failures"]), _FAILURES_SHOWN) or "none",
-        "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files, {byte_count(facts['free_bytes'])} free"
+        "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files"
+        + (f" of {byte_count(facts['whole_bytes'])} at most" if facts["whole_bytes"] else "")
+        + f", {byte_count(facts['free_bytes'])} free"
         + ("" if facts["min_free_bytes"] is None else f"; the run waits below {byte_count(facts['min_free_bytes'])}"),
         "forecast": _forecast(facts["forecast"]),
         "time left": _left(facts),

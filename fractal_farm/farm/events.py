@@ -42,7 +42,10 @@ class Progress:
 
 @dataclass(frozen=True)
 class RunStarted:
-    """A run begins, or goes on from where `progress` says; the catalogue has so many files, bytes and meshes."""
+    """A run begins, or goes on from where `progress` says; the catalogue has so many files, bytes and meshes.
+
+    It needs no more than so many bytes in its first hour, and in all, as far as that is known.
+    """
 
     run_id: str
     name: str
@@ -55,6 +58,8 @@ class RunStarted:
     bytes: int
     meshes: int
     stop: dict[str, float | int | None]
+    first_hour_bytes: float | None = None
+    whole_bytes: float | None = None
 
 
 @dataclass(frozen=True)

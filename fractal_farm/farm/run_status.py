@@ -89,7 +89,8 @@ class RunMonitor:
             waits: why the run waits at the moment, or None;
             migration_epochs (first and last epoch that `received` covers);
             failures (where, cause, remedy, count, last: seconds since 1970);
-            files, bytes, free_bytes, min_free_bytes (the run ends below it);
+            files, bytes, whole_bytes (that the run will need at most, if that is known), free_bytes, min_free_bytes
+            (the run waits below it);
             stop (limits in force), left_s and left_until (the limit that comes first), None where nothing is known;
             forecast (files, gigabytes and rows after ten hours; None in the first minute); damage (lines).
         """
@@ -141,6 +142,7 @@ class RunMonitor:
             "failures": failures(history.log),
             "files": usage.files,
             "bytes": usage.bytes,
+            "whole_bytes": started.get("whole_bytes"),
             "free_bytes": shutil.disk_usage(self._path).free,
             "min_free_bytes": int(history.config.catalogue.min_free_gb * 1e9) if history.config else None,
             "stop": stop,

@@ -28,7 +28,7 @@ from fractal_farm.farm.event_log import EventLog
 from fractal_farm.farm.events import Announcer, Callback, Fault, RunEnded, RunStarted
 from fractal_farm.farm.executor import ClusterLostError
 from fractal_farm.farm.interrupts import interrupts
-from fractal_farm.farm.preflight import check_disk
+from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.report import write_report
 from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
 from fractal_farm.farm.run import Run
@@ -216,6 +216,7 @@ def _stretch(
         schedule, progress, elapsed_s = restore(config, root)
         usage = Catalogue.open(root).usage()
         queue = mesh_queue(config, root)
+        need = disk_need(config, executor.workers)
         announce(
             RunStarted(
                 run_id,
@@ -229,6 +230,8 @@ def _stretch(
                 usage.bytes,
                 queue.started,
                 config.stop.model_dump(),
+                need.first_hour,
+                need.whole,
             )
         )
         run = Run(
