@@ -2,8 +2,8 @@
 
 What a catalogue holds is immutable, under names that are its own for ever, so a merged catalogue is the union of their
 files: runs stay what they were, with their records, digests and lineage, and can be resumed. Readers see each design
-once, the one born first. Two things are made anew: the manifest, in large parts, and the marks of distinct shapes, given
-out from the best design down. The order of the sources does not matter.
+once, the one born first. Two things are made anew: the manifest, in large parts, and the marks of distinct shapes, from
+the best design down. The order of the sources does not matter.
 """
 
 from __future__ import annotations

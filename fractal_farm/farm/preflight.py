@@ -104,14 +104,16 @@ def _designs_of(config: RunConfig, evaluations: float) -> float:
     """How many designs are published of so many candidates, at most."""
     if config.evolution.method != "niches" and config.catalogue.keep != "distinct":
         return evaluations
-    return min(evaluations, _DISTINCT * evaluations**_EXPONENT * (1 if config.catalogue.keep == "distinct" else 3))
+    distinct: float = _DISTINCT * evaluations**_EXPONENT
+    return min(evaluations, distinct if config.catalogue.keep == "distinct" else 3 * distinct)
 
 
 def _bytes_of(config: RunConfig, designs: float, hours: float) -> float:
     evolution = config.evolution
     solids = designs if config.solids.max is None else min(designs, config.solids.max)
-    members = evolution.niches.capacity if evolution.method == "niches" else evolution.library.size
-    members = min(evolution.islands * members, _ROWS_A_DESIGN * designs + evolution.islands * evolution.library.size)
+    founders = evolution.islands * evolution.library.size
+    capacity = evolution.islands * evolution.niches.capacity if evolution.method == "niches" else founders
+    members = min(capacity, _ROWS_A_DESIGN * designs + founders)
     return (
         designs * (evolution.phenotype.points * _BYTES_A_POINT + _ROWS_A_DESIGN * _BYTES_A_ROW)
         + solids * _BYTES_A_SOLID

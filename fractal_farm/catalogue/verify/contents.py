@@ -119,7 +119,8 @@ def listed_contents(root: Path, held: frozenset[str] = frozenset()) -> Contents:
     names = list_parts(root)
     _walk(contents)
     contents.live = live | _live(root, run_ids, held)
-    _take_parts(contents, names)
+    for name in names:
+        _take_part(contents, name)
     contents.replaced = {f"{DESIGNS}/{name.file_name}" for name in replaced_parts(root)}
     for key in sorted(key for key in contents.sizes if key.startswith(f"{MENDINGS}/")):
         _take_mending(contents, key)
@@ -163,20 +164,8 @@ def _walk(contents: Contents) -> None:
                 contents.sizes[(place / name).relative_to(contents.root).as_posix()] = facts.st_size
 
 
-def _take_parts(contents: Contents, names: list[PartName]) -> None:
-    """Check the parts; those that a live run merges meanwhile are found in the part that they are merged into."""
-    for name in names:
-        if (contents.root / DESIGNS / name.file_name).exists() or name.writer.partition("-")[0] not in contents.live:
-            _take_part(contents, name)
-            continue
-        for other in list_parts(contents.root, name.writer.partition("-")[0]):
-            known = other in (part.name for part in contents.parts)
-            if other.writer == name.writer and other.seq <= name.seq <= other.last and not known:
-                _take_part(contents, other)
-
-
 def _take_part(contents: Contents, name: PartName) -> None:
-    """Check a part, and remember what it refers to."""
+    """Check a part, and remember what it refers to; one that was merged meanwhile is found in its successor."""
     key = f"{DESIGNS}/{name.file_name}"
     again = "`farm verify --repair` mends it if it is one flipped bit, and otherwise moves it aside; then `farm resume`"
     content = contents.read(key)
@@ -196,7 +185,17 @@ def _take_part(contents: Contents, name: PartName) -> None:
                 problem = f"holds {rows} rows; its name says {name.rows}"
                 contents.findings.append(Finding(key, "row", problem, "restore it from a copy"))
             return
+    if not (contents.root / key).exists() and (wider := _successor(contents.root, name)):
+        if wider not in [part.name for part in contents.parts]:
+            _take_part(contents, wider)
+        return
     contents.findings.append(Finding(key, "part", problem, again))
+
+
+def _successor(root: Path, name: PartName) -> PartName | None:
+    """The part that holds the commits of one that is gone."""
+    mine = (other for other in list_parts(root) if other.writer == name.writer)
+    return next((other for other in mine if other.seq <= name.seq and name.last <= other.last), None)
 
 
 def _take_references(contents: Contents, part: Part) -> None:
