@@ -83,7 +83,7 @@ def disk_need(config: RunConfig, workers: int | None = None) -> DiskNeed:
     for wanted in (stop.qualified, stop.distinct):
         if wanted is not None:
             designs.append(wanted + _designs_of(config, _evaluations_in_epochs(config, 1)))
-    hours = stop.hours or 0.0
+    hours = max(1.0, stop.hours or 0.0)
     first = min([_designs_of(config, an_hour), *designs])
     return DiskNeed(_bytes_of(config, first, 1.0), _bytes_of(config, min(designs), hours) if designs else None)
 

@@ -63,7 +63,7 @@ def test_every_command_is_named() -> None:
     named = {command.split()[1] for command in commands()} | {"submit"}
     assert named == {
         *("submit", "resume", "stop", "status", "report", "verify", "list", "show", "score", "render", "mesh"),
-        *("doctor", "bench", "jobs"),
+        *("doctor", "bench", "jobs", "compact", "export", "merge"),
     }
 
 
