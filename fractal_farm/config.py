@@ -23,7 +23,7 @@ from fractal_farm.untrusted import Section, explain, override_value, read_yaml, 
 
 __all__ = ["RunConfig", "load_genomes"]
 
-IDENTITY_VERSION = 2
+IDENTITY_VERSION = 3
 
 Probability = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -111,10 +111,13 @@ class NichesConfig(Section):
         0.8 / 30, gt=0, lt=1, description="gap up to which a design prints in one piece: its wall over its size"
     )
     gap_attempts: int = Field(
-        4, ge=0, le=16, description="times that a slot is drawn again for a gap that is too wide; 0: any gap will do"
+        3, ge=0, le=16, description="candidates of a slot that are tried for a gap that prints; 0: any gap will do"
     )
     expected_fitness: Probability | None = Field(
         0.85, description="fitness that the closed forms must promise for a candidate of similarities; null: any"
+    )
+    foreseen_distance: float | None = Field(
+        1.0, gt=0, le=10, description="how far from all members a candidate's shape must be foreseen; null: anywhere"
     )
     crossover: Probability = Field(0.3, description="share of offspring that are crossed")
     probabilities: Annotated[tuple[Probability, ...], Strict(False), Field(min_length=1, max_length=16)] = Field(
@@ -164,6 +167,11 @@ class EvolutionConfig(Section):
     niches: NichesConfig = NichesConfig()
     phenotype: PhenotypeConfig = PhenotypeConfig()
     fitness: FitnessConfig = FitnessConfig()
+
+    @property
+    def foreseeable(self) -> bool:
+        """Whether closed forms tell of a genome what it will come out as."""
+        return self.phenotype.family == "similarity"
 
     @model_validator(mode="before")
     @classmethod

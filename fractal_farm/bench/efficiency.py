@@ -14,9 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fractal_farm import farm
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import FarmError
+from fractal_farm.evolution.designs import SCORE_FIELDS
 from fractal_farm.evolution.epoch import Candidates, IslandState, Scores, founding_state, library_after
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.events import Callback, EpochCompleted, Event
@@ -33,7 +36,7 @@ class Efficiency:
     Attributes:
         farm: by a run on Ray, committed to disk.
         loops: by one serial loop for each core.
-        kernel: by the compiled evaluation alone, within those loops.
+        kernel: by the compiled evaluation alone, of the same candidates.
         seconds: how long the measured epochs of the run took.
     """
 
@@ -83,25 +86,23 @@ def _loops(config: EvolutionConfig, cores: int) -> tuple[float, float]:
     processes = [context.Process(target=_loop, args=(config, share, start, results)) for share in shares]
     for process in processes:
         process.start()
-    found: list[tuple[int, float, float]] = [results.get(timeout=_PATIENCE_SECONDS) for _ in processes]
+    found: list[tuple[float, float]] = [results.get(timeout=_PATIENCE_SECONDS) for _ in processes]
     for process in processes:
         process.join()
     if any(process.exitcode for process in processes):
         raise FarmError("a loop of the bench died; see `farm doctor`")
-    return sum(n / whole for n, whole, _ in found), sum(n / inside for n, _, inside in found)
+    looped, evaluated = zip(*found, strict=True)
+    return sum(looped), sum(evaluated)
 
 
 def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any) -> None:
-    """Take some islands through all epochs; send candidates, seconds, and seconds within evaluations."""
-    count, inside = 0, 0.0
+    """Take some islands through all epochs; send scored candidates a second, of the loop and of evaluations alone."""
+    scored: list[Candidates] = []
 
     def evaluate(candidates: Candidates) -> Scores:
-        nonlocal count, inside
-        began = time.perf_counter()
         scores = evaluate_candidates(candidates, config)
-        if candidates.wanted == "scores":
-            inside += time.perf_counter() - began
-            count += len(candidates.n_maps)
+        known = np.isfinite(scores.values[:, SCORE_FIELDS.index("fitness")])
+        scored.append(Candidates(candidates.genes[known], candidates.n_maps[known]))
         return scores
 
     states = {island: founding_state(config) for island in islands}
@@ -109,8 +110,14 @@ def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any)
     for epoch in range(LAST + 1):
         if epoch == FIRST + 1:
             start.wait(_PATIENCE_SECONDS)
-            count, inside, began = 0, 0.0, time.perf_counter()
+            scored.clear()
+            began = time.perf_counter()
         for island, state in states.items():
             record = drive(advance(state, [], config, island, epoch), evaluate)
             states[island] = IslandState(epoch, library_after(state.library, record))
-    results.put((count, time.perf_counter() - began, inside))
+    looped = time.perf_counter()
+    for candidates in scored:
+        evaluate_candidates(candidates, config)
+    evaluated = time.perf_counter()
+    count = sum(len(candidates.n_maps) for candidates in scored)
+    results.put((count / (looped - began), count / (evaluated - looped)))

@@ -26,9 +26,10 @@ from fractal_farm.catalogue.cloud_export import write_clouds
 from fractal_farm.catalogue.durable import new_directory
 from fractal_farm.catalogue.parts import read_of_parts
 from fractal_farm.catalogue.reader import Catalogue
-from fractal_farm.catalogue.scan import Rows, indices
-from fractal_farm.catalogue.schema import DESCRIPTOR_LENGTH, DESIGN_SCHEMA
-from fractal_farm.distinctness import LENGTH, signatures
+from fractal_farm.catalogue.scan import Rows
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+from fractal_farm.catalogue.signatures import row_signatures
+from fractal_farm.distinctness import LENGTH
 from fractal_farm.errors import InputError
 
 DESIGNS = "designs.parquet"
@@ -142,16 +143,9 @@ def _write_table(path: Path, rows: Rows, places: Any) -> dict[str, Any]:
 
 def _signatures(block: Any) -> Any:
     """A column of signatures; null where there is no descriptor."""
-    known = np.flatnonzero(block.column("descriptor").is_valid().to_numpy())
-    chosen = block.select(["descriptor", "d0", "d2"]).take(indices(known)).combine_chunks()
-    flat = chosen.column("descriptor").combine_chunks().flatten().to_numpy(zero_copy_only=False)
-    marks = signatures(
-        flat.reshape(-1, DESCRIPTOR_LENGTH), chosen.column("d0").to_numpy(), chosen.column("d2").to_numpy()
-    )
-    column = np.full(block.num_rows, -1)
-    column[known] = np.arange(len(known))
+    marks = row_signatures(block)
     array = pa.FixedSizeListArray.from_arrays(pa.array(marks.ravel()), type=_SIGNATURE.type)
-    return array.take(pa.array(column, mask=column < 0))
+    return array.take(pa.array(np.arange(len(marks)), mask=~np.isfinite(marks).all(axis=1)))
 
 
 def _collection(

@@ -34,6 +34,7 @@ DESIGNS = "manifest/designs"
 MENDINGS = "manifest/mendings"
 SNAPSHOTS = "snapshots"
 SOLIDS = "solids"
+INDEX = "index"
 QUARANTINE = "quarantine"
 
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")

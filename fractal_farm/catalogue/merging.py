@@ -42,12 +42,12 @@ from fractal_farm.catalogue.parts import (
 from fractal_farm.catalogue.reader import Catalogue
 from fractal_farm.catalogue.runs import read_run, run_ends, run_ids, run_is_live
 from fractal_farm.catalogue.scan import Places, Rows, id_words
-from fractal_farm.catalogue.schema import DESCRIPTOR_LENGTH, DESIGN_SCHEMA, KINDS
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS
 from fractal_farm.catalogue.settings import read_settings
-from fractal_farm.distinctness import first_of_each_shape, signatures
+from fractal_farm.catalogue.signatures import row_signatures
+from fractal_farm.distinctness import LENGTH, first_of_each_shape
 from fractal_farm.errors import FarmError, InputError
 
-_MARKED = ("descriptor", "d0", "d2")
 _BLOCK = 1 << 16
 
 
@@ -229,15 +229,9 @@ class _Marks:
 
 def _signatures(rows: Rows, places: Places) -> npt.NDArray[np.float64]:
     """Signatures of some rows; not a number where there is no descriptor."""
-    pieces = []
-    for start in range(0, len(places), _BLOCK):
-        block = rows.take(_MARKED, places[start : start + _BLOCK]).combine_chunks()
-        column = block.column("descriptor").combine_chunks()
-        descriptors = np.full((block.num_rows, DESCRIPTOR_LENGTH), np.nan, np.float32)
-        flat = column.drop_null().flatten().to_numpy(zero_copy_only=False)
-        descriptors[column.is_valid().to_numpy(zero_copy_only=False)] = flat.reshape(-1, DESCRIPTOR_LENGTH)
-        pieces.append(signatures(descriptors, *(block.column(name).to_numpy() for name in ("d0", "d2"))))
-    return np.concatenate([np.zeros((0, signatures(np.zeros((0, DESCRIPTOR_LENGTH)), [], []).shape[1])), *pieces])
+    starts = range(0, len(places), _BLOCK)
+    pieces = [row_signatures(rows.take(("descriptor", "d0", "d2"), places[start : start + _BLOCK])) for start in starts]
+    return np.concatenate([np.zeros((0, LENGTH)), *pieces])
 
 
 def _groups(parts: Sequence[tuple[Path, PartName]]) -> Iterator[list[tuple[Path, PartName]]]:

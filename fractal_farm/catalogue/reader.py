@@ -140,6 +140,8 @@ class Catalogue:
         names: Sequence[str] = (),
         order: tuple[str, bool] = ("fitness", True),
         limit: int | None = None,
+        *,
+        ancestors: bool = False,
     ) -> tuple[Any, int]:
         """Some of the designs, sorted; nothing is read but what the question needs.
 
@@ -149,6 +151,7 @@ class Catalogue:
             names: columns that the expression refers to.
             order: column to sort by, and whether the largest come first; of equal ones the smallest design_id.
             limit: only the first so many.
+            ancestors: also parents of designs that were not kept themselves.
 
         Returns:
             The table, and how many designs the expression is true of.
@@ -161,7 +164,7 @@ class Catalogue:
         wanted = _known(columns)
 
         def read(parts: list[PartName]) -> tuple[Any, int]:
-            rows, places = self._selected(parts, where, _known([*names, order[0]]))
+            rows, places = self._selected(parts, where, _known([*names, order[0]]), ancestors=ancestors)
             return rows.take(wanted, rows.first(places, *order, limit)), len(places)
 
         return read_of_parts(self.path, None, read)
@@ -287,10 +290,12 @@ class Catalogue:
             raise InputError(f"{self.path}: no design {design_id}; `farm list` shows the designs")
         return found
 
-    def _selected(self, parts: list[PartName], where: Any, keys: Sequence[str]) -> tuple[Rows, Places]:
+    def _selected(
+        self, parts: list[PartName], where: Any, keys: Sequence[str], *, ancestors: bool = False
+    ) -> tuple[Rows, Places]:
         rows = self._rows_of(parts)
         rows.read(["design_id", "kind", *keys])
-        places = rows.standing(ancestors=False)
+        places = rows.standing(ancestors=ancestors)
         if where is not None:
             table = rows.read(keys).append_column(_PLACE, indices(np.arange(len(rows)))).take(indices(places))
             places = table.filter(where).column(_PLACE).to_numpy()

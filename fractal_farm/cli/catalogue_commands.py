@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
 
+DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
+
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
 _TABLE_ROWS = 20
 
@@ -44,6 +46,9 @@ def list_designs(
         str | None,
         typer.Option(help="Columns, with commas between; 'all' for every column.", show_default=False),
     ] = None,
+    ancestors: Annotated[
+        bool, typer.Option("--ancestors", help="Also parents that were not kept themselves (kind: ancestor).")
+    ] = False,
     form: Annotated[Format, typer.Option("--format", help="How to write them.")] = Format.TABLE,
     output: Annotated[
         Path | None,
@@ -59,7 +64,8 @@ def list_designs(
         raise InputError("--format parquet: not for a terminal; give a file with --output")
     if form is Format.TABLE and limit is None:
         limit = _TABLE_ROWS
-    table, total = _selected(Catalogue.open(directory), _chosen(columns, form), where, sort, limit)
+    catalogue = Catalogue.open(directory)
+    table, total = _selected(catalogue, _chosen(columns, form), where, sort, limit, ancestors=ancestors)
     if form is Format.TABLE and output is None:
         print_table(table.column_names, [list(row.values()) for row in table.to_pylist()])
         typer.echo(f"{table.num_rows} of {total} designs", err=True)
@@ -71,7 +77,7 @@ def list_designs(
 
 def show(
     directory: DirectoryArgument,
-    design: Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")],
+    design: DesignArgument,
     as_json: AsJson = False,
 ) -> None:
     """Show one design: genome, scores, lineage, files."""
@@ -115,7 +121,7 @@ def show(
 
 
 def _selected(
-    catalogue: Catalogue, columns: list[str], where: str | None, sort: str, limit: int | None
+    catalogue: Catalogue, columns: list[str], where: str | None, sort: str, limit: int | None, *, ancestors: bool
 ) -> tuple[Any, int]:
     """The first designs of a selection, and how many it has."""
     import pyarrow as pa
@@ -132,7 +138,7 @@ def _selected(
     if pa.types.is_nested(DESIGN_SCHEMA.field(name).type):
         raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values")
     with explained_selection(where):
-        return catalogue.select(columns, expression, names, (name, direction == "desc"), limit)
+        return catalogue.select(columns, expression, names, (name, direction == "desc"), limit, ancestors=ancestors)
 
 
 def _chosen(columns: str | None, form: Format) -> list[str]:

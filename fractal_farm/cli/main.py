@@ -22,6 +22,8 @@ from fractal_farm.cli import (
     doctor,
     exchange_commands,
     jobs,
+    likeness_commands,
+    lineage,
     run_commands,
     status,
     verify,
@@ -45,10 +47,15 @@ app.command("report")(status.report)
 app.add_typer(jobs.app, name="jobs")
 app.command("list")(catalogue_commands.list_designs)
 app.command("show")(catalogue_commands.show)
+app.command("similar")(likeness_commands.similar)
+app.command("prototypes")(likeness_commands.prototypes)
+app.command("diff")(likeness_commands.diff)
+app.command("lineage")(lineage.lineage)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
 app.command("verify")(verify.verify)
+app.command("reproduce")(verify.reproduce)
 app.command("compact")(exchange_commands.compact)
 app.command("export")(exchange_commands.export)
 app.command("merge")(exchange_commands.merge)

@@ -19,6 +19,8 @@ from fractal_farm.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
+    from rich.tree import Tree
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -65,9 +67,15 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[Any]], title: st
         table.add_row(*(text(cell) for cell in row))
     console = _console()
     if not console.is_terminal:
-        unbounded = console.options.update(max_width=_UNBOUNDED_WIDTH)
-        console.width = max(console.width, console.measure(table, options=unbounded).maximum)
+        _widen(console, table)
     console.print(table)
+
+
+def print_tree(tree: Tree) -> None:
+    """A tree; its lines have their full width, however deep it is."""
+    console = _console()
+    _widen(console, tree)
+    console.print(tree)
 
 
 def print_facts(facts: Mapping[str, Any]) -> None:
@@ -144,6 +152,11 @@ def results_only_on_stdout() -> Iterator[None]:
         finally:
             os.dup2(kept, 1)
             os.close(kept)
+
+
+def _widen(console: Console, content: Table | Tree) -> None:
+    unbounded = console.options.update(max_width=_UNBOUNDED_WIDTH)
+    console.width = max(console.width, console.measure(content, options=unbounded).maximum)
 
 
 def _console() -> Console:

@@ -1,16 +1,17 @@
-"""`farm verify`: is every bit of a catalogue as it was written, and can what is not be restored?"""
+"""`farm verify` and `farm reproduce`: is a catalogue as it was written, and what its genomes give again?"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from fractal_farm.cli.catalogue_commands import DirectoryArgument
-from fractal_farm.cli.output import AsJson, print_json, say
+from fractal_farm.cli.catalogue_commands import DesignArgument, DirectoryArgument
+from fractal_farm.cli.output import AsJson, print_json, print_table, say
 from fractal_farm.errors import FarmError, InputError
 
 if TYPE_CHECKING:
@@ -48,6 +49,36 @@ def verify(
             typer.echo(_line(finding))
         say(_summary(report))
     return report.exit_code
+
+
+def reproduce(directory: DirectoryArgument, design: DesignArgument, as_json: AsJson = False) -> int:
+    """Grow and score a design again: is the cloud the same to the bit, are the scores equal?
+
+    Exit code 0: all is the same. 1: something differs.
+    """
+    from fractal_farm.catalogue import Catalogue
+    from fractal_farm.catalogue.verify.reproduction import reproduce as again
+
+    outcome = again(Catalogue.open(directory), design)
+    differing = [quantity.name for quantity in outcome.quantities if not quantity.same]
+    if as_json:
+        print_json({**asdict(outcome), "same": outcome.same})
+    else:
+        rows = [[q.name, _digits(q.recorded), _digits(q.again), q.same] for q in outcome.quantities]
+        print_table(["quantity", "recorded", "again", "same"], rows)
+    if differing:
+        say(f"{outcome.design_id}: {', '.join(differing)} differ; another machine or version may compute other bits")
+        return 1
+    cloud = f"the cloud of {outcome.n_points} points is identical to the bit, " if outcome.n_points else ""
+    say(f"{outcome.design_id}: {cloud}all scores are equal")
+    return 0
+
+
+def _digits(value: object) -> str:
+    """A value with all its digits; of a list only its length."""
+    if isinstance(value, list):
+        return f"{len(value)} numbers"
+    return repr(value) if isinstance(value, float) else str(value)
 
 
 def _level(argument: str | None, option: str | None) -> Level:

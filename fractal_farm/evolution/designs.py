@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.distinctness import DESCRIPTOR_LENGTH
+from fractal_farm.distinctness import DESCRIPTOR_LENGTH, LENGTH
 
 Designs = npt.NDArray[Any]
 SCORE_FIELDS = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error", "gap")
@@ -39,8 +39,9 @@ def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
     Returns:
         Structured dtype. `design_id` and `parents` are 32 hex digits as bytes (empty: no parent); `genes` is
         (max_maps, row_length) float64; scores are float64, and nan where they were not asked for, as the descriptor
-        is; hits counts near-duplicates of a member of an archive; distinct says that none was nearer among those
-        that the whole run had found before; the birth place is island, epoch, generation, slot.
+        is; foreseen is the signature that was expected before the evaluation, nan where none was; hits counts
+        near-duplicates of a member of an archive; distinct says that none was nearer among those that the whole run
+        had found before; the birth place is island, epoch, generation, slot.
     """
     return np.dtype(
         [
@@ -49,6 +50,7 @@ def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
             ("n_maps", "<i8"),
             *((name, "<f8") for name in SCORE_FIELDS),
             ("descriptor", "<f4", (DESCRIPTOR_LENGTH,)),
+            ("foreseen", "<f4", (LENGTH,)),
             ("hits", "<i4"),
             ("distinct", "?"),
             ("parents", "S32", (2,)),

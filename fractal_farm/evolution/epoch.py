@@ -17,6 +17,8 @@ from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, design_dtype
 from fractal_farm.evolution.offspring import max_maps
 from fractal_farm.ifs.genome import ROW_LENGTH
 
+Wanted = Literal["foreseen", "printable", "scores", "gap"]
+
 
 class Candidates(NamedTuple):
     """Genomes to evaluate.
@@ -24,12 +26,14 @@ class Candidates(NamedTuple):
     Attributes:
         genes: (B, M, K) float64, padded with 0.
         n_maps: (B,) int64.
-        wanted: "scores", or "gap" for that number alone.
+        wanted: "scores"; "gap" for that number alone; "printable" for the scores of those whose gap is at most
+            `niches.gap`, and in its place that bound, infinite for the others; "foreseen" for what closed forms
+            say of D0, D2, fitness and descriptor, the latter where the fitness is `niches.expected_fitness` or more.
     """
 
     genes: npt.NDArray[np.float64]
     n_maps: npt.NDArray[np.int64]
-    wanted: Literal["scores", "gap"] = "scores"
+    wanted: Wanted = "scores"
 
 
 class Scores(NamedTuple):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +31,7 @@ from fractal_farm.evolution.epoch import (
 )
 from fractal_farm.evolution.migration import emigrants, settle
 from fractal_farm.evolution.offspring import Brood, founders, offspring
+from fractal_farm.evolution.screening import evaluated, screened_founders, screened_offspring
 from fractal_farm.ifs.genome import design_id
 
 _GAP = SCORE_FIELDS.index("gap")
@@ -75,12 +75,13 @@ def advance(
     work = _Epoch(before, Archive(before, config) if config.method == "niches" else None)
     first = epoch * config.generations_per_epoch + 1
     if epoch == 0:
-        brood = founders(config, island)
-        scores = yield from _evaluated(brood)
+        brood = founders(config, island) if work.archive is None else (yield from screened_founders(config, island))
+        scores = yield from evaluated(brood)
         yield from _found(work, brood, scores, config, island)
     settled = _settled(work, inbox, config, island, first) if inbox else 0
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
+    yield from _measure_gaps(work, config)
     after = work.library
     merit = after["fitness"] if work.archive is None else parent_weights(after, config)
     migration = config.migration
@@ -147,13 +148,11 @@ def _generation(
     while True:
         slots = config.offspring or ACCEPTED_BLOCK
         if work.archive is not None:
-            brood, gaps = yield from _printable(work, config, island, generation, block, slots)
+            brood, scores = yield from screened_offspring(work.library, config, island, generation, block, slots)
         else:
-            brood, gaps = offspring(work.library, config, island, generation, block, slots), None
+            brood = offspring(work.library, config, island, generation, block, slots)
+            scores = yield from evaluated(brood)
         if len(brood.slots):
-            scores = yield from _evaluated(brood)
-            if gaps is not None:
-                scores.values[:, _GAP] = gaps
             scored = _scored(brood, scores, config, island, epoch, generation)
             passed = (scores.refusals == 0) & (scored["fitness"] >= config.elimination)
             count = len(scored)
@@ -177,43 +176,16 @@ def _generation(
     work.statistics.append(_statistics(work, config, generation, scored["fitness"], refused, len(newcomers)))
 
 
-def _printable(
-    work: _Epoch, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
-) -> Generator[Candidates, Scores, tuple[Brood, npt.NDArray[np.float64] | None]]:
-    """A brood of which every member prints in one piece, with the gaps; slots that find none stay empty."""
-    if not config.niches.gap_attempts:
-        return offspring(work.library, config, island, generation, block, slots), None
-    wanted = np.arange(slots)
-    found: list[Brood] = []
-    known: list[npt.NDArray[np.float64]] = []
-    for again in range(config.niches.gap_attempts):
-        brood = offspring(work.library, config, island, generation, block, slots, wanted, again)
-        if len(brood.slots):
-            scores = yield Candidates(brood.genes, brood.n_maps, "gap")
-            gaps = scores.values[:, _GAP]
-            good = gaps <= config.niches.gap
-            parts: Any = (column[good] for column in brood)
-            found.append(Brood(*parts))
-            known.append(gaps[good])
-            wanted = np.setdiff1d(wanted, found[-1].slots - block * slots)
-        if not len(wanted):
-            break
-    if not found:
-        return brood, None
-    order = np.argsort(np.concatenate([part.slots for part in found]))
-    columns: Any = zip(*found, strict=True)
-    return Brood(*(np.concatenate(parts)[order] for parts in columns)), np.concatenate(known)[order]
-
-
 def _enter(
     work: _Epoch, archive: Archive, scored: Designs, config: EvolutionConfig
 ) -> Generator[Candidates, Scores, Designs]:
-    """The distinct among the qualified enter the archive, with their gap; those that did."""
+    """The distinct among the qualified enter the archive, with their gap or a bound of it; those that did."""
     qualified = scored[scored["fitness"] > config.qualified]
     offered = without_repeats(_identified(qualified, config), archive.library)
     entered, rivals = archive.sift(offered)
     asked = offered[entered + [index for index, _ in rivals]]
     unknown = np.isnan(asked["gap"])
+    unknown[len(entered) :] = True  # a bound does not tell whose gap is smaller
     if unknown.any():
         scores = yield Candidates(asked["genes"][unknown], asked["n_maps"][unknown], "gap")
         asked["gap"][unknown] = scores.values[:, _GAP]
@@ -223,6 +195,19 @@ def _enter(
     archive.trim()
     work.library = archive.library
     return np.concatenate([newcomers, successors])
+
+
+def _measure_gaps(work: _Epoch, config: EvolutionConfig) -> Generator[Candidates, Scores, None]:
+    """The gaps of those born in this epoch of whom no more was needed than that they print: all at once."""
+    bounded = [rows["gap"] == config.niches.gap for rows in work.born]
+    if work.archive is None or not any(rows.any() for rows in bounded):
+        return
+    unknown = np.concatenate([rows[which] for rows, which in zip(work.born, bounded, strict=True)])
+    scores = yield Candidates(unknown["genes"], unknown["n_maps"], "gap")
+    gaps = dict(zip(unknown["design_id"].tolist(), scores.values[:, _GAP].tolist(), strict=True))
+    for rows in (*work.born, work.library):
+        places = [k for k, identity in enumerate(rows["design_id"].tolist()) if identity in gaps]
+        rows["gap"][places] = [gaps[identity] for identity in rows["design_id"][places].tolist()]
 
 
 def _settled(
@@ -256,14 +241,6 @@ def _join(work: _Epoch, accepted: Designs, config: EvolutionConfig) -> Designs:
     return newcomers
 
 
-def _evaluated(brood: Brood) -> Generator[Candidates, Scores, Scores]:
-    """The scores of a brood; nobody is asked about an empty one."""
-    if not len(brood.slots):
-        return Scores.unknown(0)
-    scores = yield Candidates(brood.genes, brood.n_maps)
-    return scores
-
-
 def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, epoch: int, generation: int) -> Designs:
     """Rows of a brood with their scores, still without identity."""
     rows = np.zeros(len(brood.slots), founding_state(config).library.dtype)
@@ -272,6 +249,7 @@ def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, 
     for column, name in enumerate(SCORE_FIELDS):
         rows[name] = scores.values[:, column]
     rows["descriptor"] = scores.descriptors
+    rows["foreseen"] = brood.foreseen
     rows["parents"] = brood.parents
     rows["operator"] = brood.operators
     rows["island"] = island

@@ -1,21 +1,21 @@
 """Broods: the genomes of a block of slots, bred from a library or drawn at random.
 
-A slot whose similarity dimension falls outside the configured range, or of which the closed forms promise too little,
-draws again from its own stream, up to `ATTEMPTS` times, and then stays empty.
+A slot whose similarity dimension falls outside the configured range draws again from its own stream, up to `ATTEMPTS`
+times, and then stays empty. With niches all draws of a slot are made at once, and `screening` chooses among them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
+from fractal_farm.distinctness import LENGTH
 from fractal_farm.evolution.archive import parent_weights
 from fractal_farm.evolution.designs import Designs, Operator
-from fractal_farm.evolution.foresight import expected_fitness
 from fractal_farm.evolution.operators import (
     block_crossover,
     gaussian_mutation,
@@ -23,7 +23,7 @@ from fractal_farm.evolution.operators import (
     random_genes,
     similarity_dimension_within,
 )
-from fractal_farm.ifs.genome import RHO, ROW_LENGTH
+from fractal_farm.ifs.genome import ROW_LENGTH
 from fractal_farm.random_streams import Purpose, stream
 
 ATTEMPTS = 16
@@ -41,6 +41,7 @@ class Brood(NamedTuple):
         n_maps: (B,) int64.
         parents: (B, 2) design ids as bytes, empty where there is none.
         operators: (B,) uint8, `Operator` codes.
+        foreseen: (B, 6) float32 expected signatures, nan where there are none.
     """
 
     slots: npt.NDArray[np.int32]
@@ -48,6 +49,7 @@ class Brood(NamedTuple):
     n_maps: npt.NDArray[np.int64]
     parents: npt.NDArray[np.bytes_]
     operators: npt.NDArray[np.uint8]
+    foreseen: npt.NDArray[np.float32]
 
 
 def max_maps(config: EvolutionConfig) -> int:
@@ -58,35 +60,28 @@ def max_maps(config: EvolutionConfig) -> int:
 def founders(config: EvolutionConfig, island: int) -> Brood:
     """The brood of generation 0: the configured seeds first, random genomes after them."""
     size = config.library.size
-    brood = _filled(config, np.arange(size), lambda k, rows: _random(config, (island, 0, 0, k), size, rows))
-    seeds = config.library.seeds[:size]
+    return planted(_filled(config, size, lambda k, rows: _random(config, (island, 0, 0, k), size, rows)), config)
+
+
+def planted(brood: Brood, config: EvolutionConfig) -> Brood:
+    """The founders, with the configured seeds in the first slots."""
+    seeds = config.library.seeds[: config.library.size]
     if not seeds:
         return brood
     genes = np.zeros((len(seeds), *brood.genes.shape[1:]))
     for index, maps in enumerate(seeds):
         genes[index, : len(maps)] = maps
-    planted = Brood(
-        np.arange(len(seeds), dtype=np.int32),
+    ours = _brood(
+        np.arange(len(seeds)),
         genes,
         np.array([len(maps) for maps in seeds], np.int64),
         np.zeros((len(seeds), 2), "S32"),
-        np.full(len(seeds), Operator.SEED, np.uint8),
+        np.full(len(seeds), Operator.SEED),
     )
-    rest = brood.slots >= len(seeds)
-    columns: Any = zip(planted, brood, strict=True)
-    return Brood(*(np.concatenate([ours, theirs[rest]]) for ours, theirs in columns))
+    return joined([ours, selected(brood, brood.slots >= len(seeds))])
 
 
-def offspring(
-    library: Designs,
-    config: EvolutionConfig,
-    island: int,
-    generation: int,
-    block: int,
-    slots: int,
-    wanted: Slots | None = None,
-    again: int = 0,
-) -> Brood:
+def offspring(library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int) -> Brood:
     """A block of offspring.
 
     Args:
@@ -96,54 +91,77 @@ def offspring(
         generation: number of the generation, from 1.
         block: number of the block within the generation; its first slot is block * slots.
         slots: slots in a block.
-        wanted: the slots of the block to fill; all if None.
-        again: how often the block has been asked for before; each time draws other numbers.
 
     Returns:
         The slots that could be filled.
     """
-    random = config.method == "random" or len(library) == 0
+    draw = _drawing(library, config, (island, generation, block), slots)
+    return _moved(_filled(config, slots, draw), block * slots)
+
+
+def draws(
+    library: Designs,
+    config: EvolutionConfig,
+    place: tuple[int, int, int],
+    slots: int,
+    wanted: Slots,
+    attempts: Iterable[int],
+) -> Brood:
+    """Several offspring for each of some slots of a block, all first draws before all second ones, and so on.
+
+    Args:
+        library: parents; random genomes are drawn if there are none.
+        config: evolution section.
+        place: island, generation, block.
+        slots: slots in a block.
+        wanted: those to draw for.
+        attempts: numbers of the draws; each has numbers of its own.
+    """
+    draw = _drawing(library, config, place, slots)
+    return _moved(joined([draw(attempt, wanted) for attempt in attempts]), place[2] * slots)
+
+
+def selected(brood: Brood, which: npt.NDArray[Any]) -> Brood:
+    """Some members of a brood, by a mask or by indices."""
+    columns: Any = (column[which] for column in brood)
+    return Brood(*columns)
+
+
+def joined(broods: list[Brood]) -> Brood:
+    """One brood after the other."""
+    columns: Any = zip(*broods, strict=True)
+    return Brood(*(np.concatenate(parts) for parts in columns))
+
+
+def _drawing(
+    library: Designs, config: EvolutionConfig, place: tuple[int, int, int], slots: int
+) -> Callable[[int, Slots], Brood]:
+    """What draws some slots of a block for the n-th time."""
+    if config.method == "random" or len(library) == 0:
+        return lambda attempt, rows: _random(config, (*place, attempt), slots, rows)
     weights = library["fitness"] if config.method != "niches" else parent_weights(library, config)
-
-    def draw(attempt: int, rows: Slots) -> Brood:
-        place = (island, generation, block, attempt)
-        return _random(config, place, slots, rows) if random else _bred(library, weights, config, place, slots, rows)
-
-    brood = _filled(config, np.arange(slots) if wanted is None else wanted, draw, again * ATTEMPTS)
-    return brood._replace(slots=brood.slots + np.int32(block * slots))
+    return lambda attempt, rows: _bred(library, weights, config, (*place, attempt), slots, rows)
 
 
-def _filled(config: EvolutionConfig, rows: Slots, draw: Callable[[int, Slots], Brood], first: int = 0) -> Brood:
-    """Draw until every slot holds a candidate that is worth an evaluation, or has had its attempts."""
-    if config.method != "niches" and (config.similarity_dimension is None or config.phenotype.family != "similarity"):
-        return draw(first, rows)
+def _moved(brood: Brood, first: int) -> Brood:
+    return brood._replace(slots=brood.slots + np.int32(first))
+
+
+def _filled(config: EvolutionConfig, slots: int, draw: Callable[[int, Slots], Brood]) -> Brood:
+    """Draw until every slot holds a candidate of a similarity dimension in range, or has had its attempts."""
+    rows = np.arange(slots)
+    if config.similarity_dimension is None or config.phenotype.family != "similarity":
+        return draw(0, rows)
     found = []
-    for attempt in range(first, first + ATTEMPTS):
+    for attempt in range(ATTEMPTS):
         brood = draw(attempt, rows)
-        good = _worthwhile(brood, config)
-        found.append([column[good] for column in brood])
+        good = similarity_dimension_within(brood.genes, brood.n_maps, config.similarity_dimension)
+        found.append(selected(brood, good))
         rows = rows[~good]
         if not len(rows):
             break
-    joined = [np.concatenate(columns) for columns in zip(*found, strict=True)]
-    order = np.argsort(joined[0])
-    return Brood(*(column[order] for column in joined))
-
-
-def _worthwhile(brood: Brood, config: EvolutionConfig) -> npt.NDArray[np.bool_]:
-    """(B,) bool: similarity dimension in range; with niches also no copy, and as good as it must be expected to be."""
-    good = np.ones(len(brood.slots), bool)
-    if config.method == "niches":
-        good = brood.operators != Operator.COPY
-    if config.phenotype.family != "similarity":
-        return good
-    if config.similarity_dimension is not None:
-        good &= similarity_dimension_within(brood.genes, brood.n_maps, config.similarity_dimension)
-    least = config.niches.expected_fitness
-    if config.method == "niches" and least is not None:
-        for b in np.flatnonzero(good).tolist():
-            good[b] = expected_fitness(brood.genes[b, : brood.n_maps[b], RHO].tolist(), config) >= least
-    return good
+    brood = joined(found)
+    return selected(brood, np.argsort(brood.slots))
 
 
 def _random(config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> Brood:
@@ -151,13 +169,20 @@ def _random(config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> B
     affine = config.phenotype.family == "affine"
     rng = stream(config.seed, Purpose.FOUNDERS, *place)
     genes, n_maps = random_genes(rng, slots, max_maps(config), affine, config.library.map_counts)
-    return Brood(
-        rows.astype(np.int32),
-        genes[rows],
-        n_maps[rows],
-        np.zeros((len(rows), 2), "S32"),
-        np.full(len(rows), Operator.RANDOM, np.uint8),
-    )
+    parents, operators = np.zeros((len(rows), 2), "S32"), np.full(len(rows), Operator.RANDOM)
+    return _brood(rows, genes[rows], n_maps[rows], parents, operators)
+
+
+def _brood(
+    slots: npt.NDArray[Any],
+    genes: npt.NDArray[np.float64],
+    n_maps: npt.NDArray[np.int64],
+    parents: npt.NDArray[Any],
+    operators: npt.NDArray[Any],
+) -> Brood:
+    """A brood of which nothing is foreseen."""
+    foreseen = np.full((len(slots), LENGTH), np.nan, np.float32)
+    return Brood(slots.astype(np.int32), genes, n_maps, parents.astype("S32"), operators.astype(np.uint8), foreseen)
 
 
 def _bred(
@@ -197,7 +222,7 @@ def _bred(
         crossed + 2 * mutated,
         [Operator.COPY, Operator.CROSSOVER, Operator.MUTATION, Operator.CROSSOVER_MUTATION],
     )
-    return Brood(rows.astype(np.int32), genes, n_maps[first], lineage.astype("S32"), operators.astype(np.uint8))
+    return _brood(rows, genes, n_maps[first], lineage, operators)
 
 
 def _scales(

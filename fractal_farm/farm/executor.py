@@ -12,18 +12,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from fractal_farm.config import EvolutionConfig, RunConfig
+from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, StorageFullError
 from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores
+from fractal_farm.evolution.epoch import EpochRecord, IslandState
 from fractal_farm.evolution.island import advance, drive
-from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, SetAside, evaluate_candidates, make_solid
+from fractal_farm.farm.work import Evaluate, MeshOrder, Part, PartReceipt, SetAside, evaluate_candidates, make_solid
 
 if TYPE_CHECKING:
     from fractal_farm.farm.publisher import Publisher
 
 Inbox = list[tuple[int, Designs]]
-Evaluate = Callable[[Candidates, EvolutionConfig], Scores]
 
 
 class ClusterLostError(FarmError):

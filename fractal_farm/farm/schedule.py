@@ -33,7 +33,7 @@ class Schedule:
         self._running: set[int] = set()
         self._outbox: dict[tuple[int, int], Designs] = {}
         self._records: dict[int, dict[int, EpochRecord]] = defaultdict(dict)
-        self._states: dict[int, dict[int, IslandState]] = defaultdict(dict)
+        self._complete_state = dict(state)
 
     def remember(self, island: int, epoch: int, leaving: Designs) -> None:
         """Enter the emigrants of an epoch that was committed by an earlier session."""
@@ -70,15 +70,26 @@ class Schedule:
         self.state[island] = state
         self._outbox[island, epoch] = state.library[record.emigrants]
         self._records[epoch][island] = record
-        self._states[epoch][island] = state
         completed: list[tuple[list[EpochRecord], dict[int, IslandState]]] = []
         while len(self._records.get(self.complete + 1, ())) == len(self.sources):
             self.complete += 1
             records = self._records.pop(self.complete)
-            completed.append(([records[k] for k in sorted(records)], self._states.pop(self.complete)))
+            self._complete_state = {island: self._state_after(records[island]) for island in sorted(records)}
+            completed.append(([records[k] for k in sorted(records)], self._complete_state))
             for key in [key for key in self._outbox if key[1] <= self.complete - self.lag]:
                 del self._outbox[key]
         return completed
+
+    def _state_after(self, record: EpochRecord) -> IslandState:
+        """The state at the end of an epoch that follows the last complete one.
+
+        Islands that have run ahead are followed a second time: to keep all their states would take `LEAD` libraries.
+        """
+        ahead = self.state[record.island]
+        if ahead.epoch == record.epoch:
+            return ahead
+        before = self._complete_state[record.island]
+        return IslandState(record.epoch, library_after(before.library, record))
 
     @property
     def running(self) -> int:

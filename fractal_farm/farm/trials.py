@@ -12,17 +12,14 @@ import multiprocessing
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import SCORE_FIELDS
 from fractal_farm.evolution.epoch import Candidates, Scores
-from fractal_farm.farm.work import SetAside, joined, sample_candidates
+from fractal_farm.farm.work import Evaluate, SetAside, joined, sample_candidates
 from fractal_farm.ifs.genome import Genome, Refusal
-
-if TYPE_CHECKING:
-    from fractal_farm.farm.executor import Evaluate
 
 DEATHS = 3
 _LOSSES = 2  # of a whole batch, before it is cut

@@ -6,8 +6,9 @@ need none of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +16,17 @@ import numpy.typing as npt
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs
-from fractal_farm.evolution.epoch import Candidates, Scores
+from fractal_farm.evolution.epoch import Candidates, Scores, Wanted
 from fractal_farm.evolution.offspring import founders
-from fractal_farm.ifs.genome import Genome, Phenotype
+from fractal_farm.ifs.genome import Genome
 
 if TYPE_CHECKING:
+    from fractal_farm.fitness import FitnessFormula
     from fractal_farm.solid import SolidParameters
+
+_FORESEEN_AN_EVALUATION = 16  # so many genomes are foreseen in the time that one is evaluated
+
+Evaluate = Callable[[Candidates, EvolutionConfig], Scores]
 
 
 @dataclass(frozen=True)
@@ -92,20 +98,55 @@ class MeshOrder:
 
 
 def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scores:
-    """Random iteration and fitness of a block of genomes (compiled; releases the GIL)."""
-    from fractal_farm.fitness import FitnessFormula, evaluate_batch
+    """What was wanted of a block of genomes (compiled; releases the GIL)."""
+    if candidates.wanted == "foreseen":
+        return _foreseen(candidates, config)
+    if candidates.wanted == "scores":
+        return _fitness(candidates, config)
+    from fractal_farm.ifs.gap import gap, gaps_within
 
     phenotype = config.phenotype.phenotype()
+    genomes = [
+        Genome(genes[:count], phenotype)
+        for genes, count in zip(candidates.genes, candidates.n_maps.tolist(), strict=True)
+    ]
+    scores = Scores.unknown(len(genomes))
+    gaps = scores.values[:, SCORE_FIELDS.index("gap")]
     if candidates.wanted == "gap":
-        return _gaps(candidates, phenotype)
-    constants = config.fitness
-    formula = FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
+        gaps[:] = [gap(genome) for genome in genomes]
+        return scores
+    limit = config.niches.gap
+    within = gaps_within(genomes, limit)
+    found = _fitness(Candidates(candidates.genes[within], candidates.n_maps[within]), config)
+    scores.values[within] = found.values
+    scores.refusals[within] = found.refusals
+    scores.descriptors[within] = found.descriptors
+    gaps[:] = np.where(within, limit, np.inf)
+    return scores
+
+
+def _foreseen(candidates: Candidates, config: EvolutionConfig) -> Scores:
+    """What closed forms say."""
+    from fractal_farm.fitness import foresee
+
+    least = config.niches.expected_fitness or 0.0
+    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), _formula(config), least)
+    scores = Scores.unknown(len(found.d0))
+    for name, column in (("d0", found.d0), ("d2", found.d2), ("fitness", found.fitness)):
+        scores.values[:, SCORE_FIELDS.index(name)] = column
+    return Scores(scores.values, found.refusal, found.descriptor)
+
+
+def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
+    """Random iteration and fitness; the gap stays unknown."""
+    from fractal_farm.fitness import evaluate_batch
+
     result = evaluate_batch(
         candidates.genes,
         candidates.n_maps,
-        phenotype,
+        config.phenotype.phenotype(),
         config.phenotype.points,
-        formula,
+        _formula(config),
         described_from=config.qualified,
     )
     gaps = np.full(len(result.fitness), np.nan)
@@ -113,20 +154,23 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
     return Scores(values, result.refusal, result.descriptor)
 
 
-def _gaps(candidates: Candidates, phenotype: Phenotype) -> Scores:
-    """The gaps of a block of genomes, and nothing else."""
-    from fractal_farm.ifs.gap import gap
+def _formula(config: EvolutionConfig) -> FitnessFormula:
+    from fractal_farm.fitness import FitnessFormula
 
-    scores = Scores.unknown(len(candidates.n_maps))
-    scores.values[:, SCORE_FIELDS.index("gap")] = [
-        gap(Genome(genes[:count], phenotype))
-        for genes, count in zip(candidates.genes, candidates.n_maps.tolist(), strict=True)
-    ]
-    return scores
+    constants = config.fitness
+    return FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
+
+
+def warm_up(evaluate: Evaluate, config: EvolutionConfig) -> None:
+    """Compile, or load, whatever the evaluations of a run need."""
+    sample = sample_candidates(config)
+    for wanted in get_args(Wanted):
+        if wanted == "scores" or (config.method == "niches" and (wanted != "foreseen" or config.foreseeable)):
+            evaluate(sample._replace(wanted=wanted), config)
 
 
 def sample_candidates(config: EvolutionConfig) -> Candidates:
-    """Two founders of a run of seed 0 without seeds of its own: what it takes to compile, or to try, an evaluation."""
+    """Two founders of a run of seed 0 without seeds of its own: what it takes to try an evaluation."""
     library = config.library.model_copy(update={"seeds": ()})
     brood = founders(config.model_copy(update={"seed": 0, "library": library}), 0)
     return Candidates(brood.genes[:2], brood.n_maps[:2])
@@ -144,9 +188,10 @@ def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:
 
 
 def split(candidates: Candidates, size: int | None) -> list[Candidates]:
-    """Cut a block into batches of at most `size` genomes (None: one batch)."""
+    """Cut a block into batches of at most `size` evaluations, or as much work (None: one batch)."""
     count = len(candidates.n_maps)
-    step = max(1, count if size is None else size)
+    scale = _FORESEEN_AN_EVALUATION if candidates.wanted == "foreseen" else 1
+    step = max(1, count if size is None else size * scale)
     return [
         candidates._replace(genes=candidates.genes[k : k + step], n_maps=candidates.n_maps[k : k + step])
         for k in range(0, max(count, 1), step)

@@ -6,6 +6,7 @@
 from fractal_farm.fitness.descriptor import shape_descriptor
 from fractal_farm.fitness.dimensions import capacity_dimension, correlation_dimension, pair_counts
 from fractal_farm.fitness.evaluation import Evaluation, evaluate, evaluate_batch
+from fractal_farm.fitness.foreseen import Foreseen, foresee
 from fractal_farm.fitness.formula import FitnessFormula
 from fractal_farm.fitness.lyapunov import lyapunov_exponent
 from fractal_farm.ifs.genome import Refusal
@@ -13,11 +14,13 @@ from fractal_farm.ifs.genome import Refusal
 __all__ = [
     "Evaluation",
     "FitnessFormula",
+    "Foreseen",
     "Refusal",
     "capacity_dimension",
     "correlation_dimension",
     "evaluate",
     "evaluate_batch",
+    "foresee",
     "lyapunov_exponent",
     "pair_counts",
     "shape_descriptor",

@@ -132,7 +132,7 @@ def describe(points, n, variances, work, descriptor):
             total += squares[i]
             pairs[b] += 1
             distances[b] += roots[i]
-    _quantile_means(pairs, distances, _ROUNDS * n, descriptor)
+    quantile_means(pairs, distances, _ROUNDS * n, descriptor)
     root_mean_square = math.sqrt(total / (_ROUNDS * n))
     for q in range(N_QUANTILES):
         descriptor[q] /= root_mean_square
@@ -172,7 +172,7 @@ def _squared_distances(points, n, step, offset, squares):
 
 
 @kernel
-def _quantile_means(pairs, distances, total, descriptor):
+def quantile_means(pairs, distances, total, descriptor):
     """Means of the distances over twelve equal shares of the pairs, in ascending order."""
     share = total / N_QUANTILES
     b = -1

@@ -143,20 +143,22 @@ def grow_words(maps, n_maps, enclosure, largest_allowed, words, sizes):  # type:
 def _tighten_ball(count, enclosure):  # type: ignore[no-untyped-def]
     """One round: the ball about the balls of the leaves, by Badoiu and Clarkson's walk to the farthest."""
     ball = enclosure.ball
-    points = np.empty((LEAVES, 4))
+    points = np.empty((4, LEAVES))
+    reaches = np.empty(LEAVES)
     for k in range(count):
-        points[k, 0], points[k, 1], points[k, 2] = image(enclosure.leaves[k], ball[0], ball[1], ball[2])
-        points[k, 3] = enclosure.sizes[k] * ball[3]
+        points[0, k], points[1, k], points[2, k] = image(enclosure.leaves[k], ball[0], ball[1], ball[2])
+        points[3, k] = enclosure.sizes[k] * ball[3]
     x = ball[0]
     y = ball[1]
     z = ball[2]
     for step in range(_CENTRE_STEPS + 1):
+        for k in range(count):  # apart from the search below, so that it runs in vectors
+            reaches[k] = distance(points[0, k], points[1, k], points[2, k], x, y, z) + points[3, k]
         reach = -1.0
         farthest = 0
         for k in range(count):
-            here = distance(points[k, 0], points[k, 1], points[k, 2], x, y, z) + points[k, 3]
-            if here > reach:
-                reach = here
+            if reaches[k] > reach:
+                reach = reaches[k]
                 farthest = k
         if reach < ball[3]:
             ball[0] = x
@@ -164,9 +166,9 @@ def _tighten_ball(count, enclosure):  # type: ignore[no-untyped-def]
             ball[2] = z
             ball[3] = reach
         share = 1.0 / (step + 2.0)
-        x += share * (points[farthest, 0] - x)
-        y += share * (points[farthest, 1] - y)
-        z += share * (points[farthest, 2] - z)
+        x += share * (points[0, farthest] - x)
+        y += share * (points[1, farthest] - y)
+        z += share * (points[2, farthest] - z)
 
 
 @kernel

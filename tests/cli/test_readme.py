@@ -63,7 +63,8 @@ def test_every_command_is_named() -> None:
     named = {command.split()[1] for command in commands()} | {"submit"}
     assert named == {
         *("submit", "resume", "stop", "status", "report", "verify", "list", "show", "score", "render", "mesh"),
-        *("doctor", "bench", "jobs", "compact", "export", "merge"),
+        *("doctor", "bench", "jobs", "similar", "lineage", "prototypes", "diff", "reproduce"),
+        *("compact", "export", "merge"),
     }
 
 

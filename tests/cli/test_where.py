@@ -18,10 +18,21 @@ ROWS: list[dict[str, Any]] = [
     {"name": "c", "fitness": 0.5, "n_maps": 3, "gap": 0.5},
 ]
 TABLE = pa.Table.from_pylist(ROWS)
+LISTS = pa.table(
+    {
+        "name": ["a", "b", "c"],
+        "n_maps": pa.array([2, 3, 100], pa.int8()),
+        "operator": ["mutation", "crossover_mutation", "random"],
+        "parents": [["cb8f00", "11aa00"], ["00cb8f"], []],
+        "genes": [[0.5, 1.5], [0.25], [2.0, 3.0, 4.0]],
+        "origin": pa.array([[1, 2, 3], [4, 5, 6], [7, 8, 9]], pa.list_(pa.float32(), 3)),
+        "born": pa.array([0, 10**15, 2 * 10**15], pa.timestamp("us")),  # 1970, 2001, 2033
+    }
+)
 
 
 def selected(text: str) -> list[str]:
-    names: list[str] = TABLE.filter(filter_expression(text, TABLE.column_names)).column("name").to_pylist()
+    names: list[str] = TABLE.filter(filter_expression(text, TABLE.schema)).column("name").to_pylist()
     return names
 
 
@@ -47,6 +58,26 @@ def test_an_expression_selects_what_it_says(text: str, names: list[str]) -> None
     assert selected(text) == names
 
 
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("'cb8f' in parents", ["a"]),
+        ("'cb8f' not in parents", ["b", "c"]),
+        ("'.b8f' in parents", []),
+        ("len(parents) == 0 or len(genes) == 1", ["b", "c"]),
+        ("genes[1] > 1", ["a", "c"]),
+        ("origin[2] - origin[0] == 2 and origin[0] < 5", ["a", "b"]),
+        ("'mutation' in operator", ["a", "b"]),
+        ("operator == 'mutation'", ["a"]),
+        ("born > '2001' and born < '2030-01-01'", ["b"]),
+        ("n_maps / 2 == 1.5", ["b"]),
+        ("n_maps * 100 > 1000", ["c"]),
+    ],
+)
+def test_lists_texts_times_and_small_integers_can_be_asked_about(text: str, names: list[str]) -> None:
+    assert LISTS.filter(filter_expression(text, LISTS.schema)).column("name").to_pylist() == names
+
+
 @given(
     st.sampled_from(["<", "<=", ">", ">=", "==", "!="]),
     st.sampled_from(["and", "or"]),
@@ -64,7 +95,11 @@ def test_expressions_mean_what_python_means(
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("fitnes > 0.5", "did you mean 'fitness'"),
+        ("fitnes > 0.5", "did you mean 'fitness'? the columns are name, fitness, n_maps, gap"),
+        ("beauty > 0.5", "unknown column beauty; the columns are name, fitness"),
+        ("len(fitness) > 1", "not understood"),
+        ("fitness[0] > 1", "not understood"),
+        ("'a' in fitness", "not understood"),
         ("fitness = 0.5", "write == for equality"),
         ("fitness >", "not an expression"),
         ("__import__('os').system('true') == 0", "not understood"),
@@ -84,7 +119,7 @@ def test_expressions_mean_what_python_means(
 )
 def test_anything_else_is_refused_in_one_line(text: str, reason: str) -> None:
     with pytest.raises(InputError) as caught:
-        filter_expression(text, TABLE.column_names)
+        filter_expression(text, TABLE.schema)
     assert reason in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -92,7 +127,7 @@ def test_anything_else_is_refused_in_one_line(text: str, reason: str) -> None:
 @given(st.text(max_size=40))
 def test_no_text_breaks_the_parser(text: str) -> None:
     try:
-        filter_expression(text, TABLE.column_names)
+        filter_expression(text, TABLE.schema)
     except InputError as error:
         message = str(error)
     else:

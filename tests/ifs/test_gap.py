@@ -10,7 +10,7 @@ from scipy.stats import special_ortho_group
 
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.cover import attractor_bounds, attractor_cover
-from fractal_farm.ifs.gap import TOLERANCE, gap, gap_of_maps, measure_gap, new_gap_workspace
+from fractal_farm.ifs.gap import TOLERANCE, gap, gap_of_maps, gaps_within, measure_gap, new_gap_workspace
 from fractal_farm.ifs.genome import as_genome
 from fractal_farm.ifs.maps import resolved_maps
 from tests.ifs.attractors import (
@@ -136,3 +136,15 @@ def test_pieces_that_interlock_beyond_the_bound_still_give_an_upper_bound():
 def test_an_invalid_genome_is_refused():
     with pytest.raises(InputError):
         gap(np.ones((2, 7)))
+
+
+@pytest.mark.parametrize(("genome", "true_gap"), [(CANTOR_SET, 1 / 3), (lattice(0.25, 3.0, axes=2), 0.5)])
+def test_a_limit_is_met_or_not_on_either_side_of_a_known_gap(genome, true_gap):
+    limits = [0.0, 0.1 * true_gap, true_gap - TOLERANCE, true_gap + 2 * TOLERANCE, 2 * true_gap]
+    assert [bool(gaps_within([as_genome(genome)], limit)[0]) for limit in limits] == [False, False, False, True, True]
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.001, 0.01, 0.8 / 30, 0.1, 0.3]))
+def test_whether_a_gap_is_within_a_limit_is_what_the_gap_says(seed, limit):
+    genomes = [as_genome(random_genome(seed + k)) for k in range(4)]
+    assert gaps_within(genomes, limit).tolist() == [gap(genome) <= limit for genome in genomes]

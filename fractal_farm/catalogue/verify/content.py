@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fractal_farm.catalogue.formula import formula_of
 from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.catalogue.rows import design_table, genome_of
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, ORDER_OF_BIRTH
@@ -20,7 +21,6 @@ from fractal_farm.catalogue.shards import SHARD, decoded_slot
 from fractal_farm.catalogue.verify.contents import Contents, Part
 from fractal_farm.catalogue.verify.findings import Finding
 from fractal_farm.catalogue.verify.structure import GROW
-from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.fitness import FitnessFormula, evaluate, shape_descriptor
 from fractal_farm.ifs.gap import gap
@@ -39,7 +39,7 @@ _ELSEWHERE = "nothing; grown on another kind of machine, or with other versions 
 
 def content_findings(contents: Contents) -> Iterator[Finding]:
     """What growing and scoring everything again tells."""
-    formulas = {run_id: _formula(description) for run_id, description in contents.runs.items()}
+    formulas = {run_id: formula_of(description) for run_id, description in contents.runs.items()}
     lineage: dict[str, set[str]] = {}
     parents: dict[str, dict[str, str]] = {}
     births: dict[tuple[Any, ...], tuple[int, str]] = {}
@@ -142,20 +142,8 @@ def _compared_numbers(
 ) -> Iterator[Finding]:
     if not rows:
         return
-    again = design_table(genomes, {}).select(["n_maps", "maps", "probabilities"]).to_pylist()
-    for genome, row, recomputed in zip(genomes, rows, again, strict=True):
-        if row["similarity_dimension"] is not None:
-            recomputed["similarity_dimension"] = similarity_dimension(genome)
-        if row["gap"] is not None:
-            recomputed["gap"] = gap(genome)
-        if row["descriptor"] is not None:
-            recomputed["descriptor"] = shape_descriptor(attractor_points(genome, row["n_points"])).tolist()
-    if formula is not None:
-        scores = evaluate(genomes, rows[0]["n_points"], formula)
-        for name in _SCORES:
-            for recomputed, value in zip(again, getattr(scores, name).tolist(), strict=True):
-                recomputed[name] = value
-    for name in dict.fromkeys(name for recomputed in again for name in recomputed):
+    again = recomputed(rows, genomes, formula)
+    for name in dict.fromkeys(name for numbers in again for name in numbers):
         pairs = zip(rows, again, strict=True)
         apart = [_difference(row[name], new[name]) if name in new else 0.0 for row, new in pairs]
         worst = int(np.argmax(apart))
@@ -167,6 +155,32 @@ def _compared_numbers(
         example = f"{rows[worst]['design_id'][:8]} has {rows[worst][name]}, not {again[worst][name]}"
         remedy = f"{_COPY}, unless another version of the farm computed it" if damage else _ELSEWHERE
         yield Finding(part.key, "row", f"{problem}: {example}", remedy, concerned, damage=damage)
+
+
+def recomputed(
+    rows: Sequence[Mapping[str, Any]], genomes: Sequence[Genome], formula: FitnessFormula | None
+) -> list[dict[str, Any]]:
+    """What the genomes of rows give here and now: column -> value, for every number that a row holds.
+
+    Args:
+        rows: of one run, one or more.
+        genomes: theirs.
+        formula: constants of eq 3.7; without them no scores.
+    """
+    again: list[dict[str, Any]] = design_table(genomes, {}).select(["n_maps", "maps", "probabilities"]).to_pylist()
+    for genome, row, numbers in zip(genomes, rows, again, strict=True):
+        if row["similarity_dimension"] is not None:
+            numbers["similarity_dimension"] = similarity_dimension(genome)
+        if row["gap"] is not None:
+            numbers["gap"] = gap(genome)
+        if row["descriptor"] is not None:
+            numbers["descriptor"] = shape_descriptor(attractor_points(genome, row["n_points"])).tolist()
+    if formula is not None:
+        scores = evaluate(genomes, rows[0]["n_points"], formula)
+        for name in _SCORES:
+            for numbers, value in zip(again, getattr(scores, name).tolist(), strict=True):
+                numbers[name] = value
+    return again
 
 
 def _difference(recorded: Any, recomputed: Any) -> float:
@@ -189,15 +203,6 @@ def _hashable(value: Any) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return tuple(map(_hashable, value))
     return "nan" if isinstance(value, float) and math.isnan(value) else value
-
-
-def _formula(description: Mapping[str, Any] | None) -> FitnessFormula | None:
-    """The constants of a run; None where run.json does not tell them."""
-    try:
-        constants = RunConfig.from_dict((description or {})["config"]).evolution.fitness
-    except (FarmError, KeyError, TypeError, ValueError):
-        return None
-    return FitnessFormula(constants.amplitude, constants.baseline, constants.d0, constants.d2, constants.lle)
 
 
 def _checksum(points: npt.NDArray[np.uint16]) -> int:

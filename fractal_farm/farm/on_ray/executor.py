@@ -32,7 +32,6 @@ from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.executor import (
     ClusterLostError,
     EpochDone,
-    Evaluate,
     Finished,
     Inbox,
     MeshDone,
@@ -43,6 +42,7 @@ from fractal_farm.farm.executor import (
 from fractal_farm.farm.on_ray.session import Cluster
 from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
 from fractal_farm.farm.work import (
+    Evaluate,
     MeshOrder,
     Part,
     PartReceipt,
@@ -51,6 +51,7 @@ from fractal_farm.farm.work import (
     make_solid,
     sample_candidates,
     split,
+    warm_up,
 )
 
 # What says that a process, a node or its memory is gone, and not that the work itself is at fault.
@@ -64,7 +65,7 @@ _WARM_UP_TRIES = 10
 def evaluate_batch(evaluate: Evaluate, candidates: Candidates, config: EvolutionConfig) -> Scores:
     """RIA and fitness of one batch; a worker that takes far longer than it can take dies of it."""
     if config not in _warm:
-        evaluate(sample_candidates(config), config)
+        warm_up(evaluate, config)
         _warm.append(config)
     with bounded(len(candidates.n_maps), config):
         return evaluate(candidates, config)

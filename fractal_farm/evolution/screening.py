@@ -1,0 +1,134 @@
+"""Which of many drawn genomes are evaluated, with niches: those that closed forms speak for, and that print.
+
+Of `DRAWS` genomes a slot takes the first whose similarity dimension is in range, whose fitness is expected to qualify,
+and whose shape is foreseen to be unlike all members of the archive and all candidates before it. If its gap turns out
+too wide, the slot is drawn for again. What is foreseen decides who is evaluated, never what is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import numpy as np
+import numpy.typing as npt
+
+from fractal_farm.config import EvolutionConfig
+from fractal_farm.distinctness import DistinctSet, signatures
+from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
+from fractal_farm.evolution.epoch import Candidates, Scores, Wanted
+from fractal_farm.evolution.offspring import Brood, Slots, draws, joined, planted, selected
+
+DRAWS = 16
+_D0, _D2, _FITNESS, _GAP = (SCORE_FIELDS.index(name) for name in ("d0", "d2", "fitness", "gap"))
+_MOST_DIMENSIONS = 3.0
+
+
+def screened_offspring(
+    library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
+) -> Generator[Candidates, Scores, tuple[Brood, Scores]]:
+    """A block of offspring that are worth an evaluation and print in one piece, and their scores.
+
+    Args:
+        library: members of the archive.
+        config: evolution section.
+        island: index of the island.
+        generation: number of the generation, from 1.
+        block: number of the block within the generation.
+        slots: slots in a block; those that find no candidate stay empty.
+
+    Yields:
+        Candidates; send back their scores.
+    """
+    shapes = None if config.niches.foreseen_distance is None else _shapes_foreseen(library["foreseen"], config)
+    wanted: Slots = np.arange(slots)
+    found: list[tuple[Brood, Scores]] = []
+    for again in range(max(1, config.niches.gap_attempts)):
+        brood = yield from _promising(library, config, (island, generation, block), slots, wanted, again, shapes)
+        if not config.niches.gap_attempts:
+            return brood, (yield from evaluated(brood))
+        scores = yield from evaluated(brood, "printable")
+        good = (scores.values[:, _GAP] <= config.niches.gap) | (scores.refusals != 0)
+        found.append((selected(brood, good), Scores(*(column[good] for column in scores))))
+        wanted = np.setdiff1d(wanted, found[-1][0].slots - block * slots)
+        if not len(wanted):
+            break
+    brood = joined([part for part, _ in found])
+    order = np.argsort(brood.slots)
+    columns = zip(*(scores for _, scores in found), strict=True)
+    return selected(brood, order), Scores(*(np.concatenate(parts)[order] for parts in columns))
+
+
+def screened_founders(config: EvolutionConfig, island: int) -> Generator[Candidates, Scores, Brood]:
+    """The brood of generation 0: seeds, then random genomes that are worth an evaluation."""
+    size = config.library.size
+    nobody = np.zeros(0)
+    brood = yield from _promising(nobody, config, (island, 0, 0), size, np.arange(size), 0, None)
+    brood = planted(brood, config)
+    if config.foreseeable:
+        foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen")
+        brood = brood._replace(foreseen=_marks(foreseen))
+    return brood
+
+
+def evaluated(brood: Brood, wanted: Wanted = "scores") -> Generator[Candidates, Scores, Scores]:
+    """The scores of a brood; nobody is asked about an empty one."""
+    if not len(brood.slots):
+        return Scores.unknown(0)
+    scores = yield Candidates(brood.genes, brood.n_maps, wanted)
+    return scores
+
+
+def _promising(
+    library: Designs,
+    config: EvolutionConfig,
+    place: tuple[int, int, int],
+    slots: int,
+    wanted: Slots,
+    again: int,
+    shapes: DistinctSet | None,
+) -> Generator[Candidates, Scores, Brood]:
+    """For each wanted slot the first of its draws that nothing speaks against."""
+    brood = draws(library, config, place, slots, wanted, range(again * DRAWS, (again + 1) * DRAWS))
+    good = brood.operators != Operator.COPY
+    if config.foreseeable:
+        foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen")
+        brood = brood._replace(foreseen=_marks(foreseen))
+        good &= _worthwhile(foreseen, config)
+    chosen: list[npt.NDArray[np.intp]] = []
+    is_open = np.ones(len(wanted), bool)
+    for draw in range(DRAWS):
+        rows = draw * len(wanted) + np.flatnonzero(is_open)
+        rows = rows[good[rows]]
+        if shapes is not None and config.foreseeable:
+            _, unlike = shapes.sift(_scaled(brood.foreseen[rows], config))
+            rows = rows[unlike]
+        is_open[rows - draw * len(wanted)] = False
+        chosen.append(rows)
+    taken = np.concatenate(chosen)
+    return selected(brood, taken[np.argsort(brood.slots[taken])])
+
+
+def _worthwhile(foreseen: Scores, config: EvolutionConfig) -> npt.NDArray[np.bool_]:
+    """(B,) bool: similarity dimension in range, and as good as it must be expected to be."""
+    good: npt.NDArray[np.bool_] = foreseen.refusals == 0
+    if config.similarity_dimension is not None:
+        low, high = config.similarity_dimension
+        good &= (foreseen.values[:, _D0] >= low) & (foreseen.values[:, _D0] <= high)
+    if config.niches.expected_fitness is not None:
+        good &= foreseen.values[:, _FITNESS] >= config.niches.expected_fitness
+    return good
+
+
+def _marks(foreseen: Scores) -> npt.NDArray[np.float32]:
+    """(B, 6) signatures that are expected."""
+    d0, d2 = (np.minimum(foreseen.values[:, k], _MOST_DIMENSIONS) for k in (_D0, _D2))
+    return signatures(foreseen.descriptors, d0, d2).astype(np.float32)
+
+
+def _shapes_foreseen(marks: npt.NDArray[np.float32], config: EvolutionConfig) -> DistinctSet:
+    return DistinctSet(_scaled(marks[np.isfinite(marks).all(axis=1)], config))
+
+
+def _scaled(marks: npt.NDArray[np.float32], config: EvolutionConfig) -> npt.NDArray[np.float64]:
+    """In units of the distance that is asked for."""
+    return marks.astype(np.float64) / (config.niches.foreseen_distance or 1.0)

@@ -1,0 +1,83 @@
+"""Which candidates are evaluated: what they promise, that they differ, and that it depends on nothing else."""
+
+import numpy as np
+
+from fractal_farm.config import EvolutionConfig
+from fractal_farm.distinctness import signatures
+from fractal_farm.evolution.designs import design_dtype
+from fractal_farm.evolution.epoch import Candidates
+from fractal_farm.evolution.screening import screened_founders, screened_offspring
+from fractal_farm.farm.work import evaluate_candidates
+from fractal_farm.ifs.gap import gap
+from fractal_farm.ifs.genome import Genome
+from fractal_farm.ifs.similarity_dimension import similarity_dimension
+
+NOBODY = np.zeros(0, design_dtype(3, 7))
+
+
+def config(**niches):
+    return EvolutionConfig.model_validate({"seed": 3, "library": {"size": 40}, "niches": niches})
+
+
+def driven(steps, settings):
+    try:
+        candidates = next(steps)
+        while True:
+            candidates = steps.send(evaluate_candidates(candidates, settings))
+    except StopIteration as stop:
+        return stop.value
+
+
+def genomes_of(brood):
+    return [Genome(genes[:n]) for genes, n in zip(brood.genes, brood.n_maps, strict=True)]
+
+
+def test_candidates_are_crisp_print_and_are_foreseen_to_differ():
+    settings = config()
+    brood, scores = driven(screened_offspring(NOBODY, settings, 0, 1, 0, 64), settings)
+    assert len(brood.slots) > 10
+    assert np.all(np.diff(brood.slots) > 0)
+    assert all(gap(genome) <= settings.niches.gap for genome in genomes_of(brood))
+    assert all(1 <= similarity_dimension(genome) <= 3 for genome in genomes_of(brood))
+    assert np.mean(scores.values[:, 3] > 0.85) > 0.9
+    marks = brood.foreseen.astype(float)
+    apart = np.linalg.norm(marks[:, None] - marks[None], axis=2)[np.triu_indices(len(marks), 1)]
+    assert apart.min() >= 1.0
+
+
+def test_what_is_like_a_member_is_not_evaluated():
+    settings = config()
+    brood, _ = driven(screened_offspring(NOBODY, settings, 0, 1, 0, 64), settings)
+    library = np.zeros(len(brood.slots), NOBODY.dtype)
+    for name in ("genes", "n_maps", "foreseen"):
+        library[name] = getattr(brood, name)
+    library["design_id"] = [genome.design_id.encode() for genome in genomes_of(brood)]
+    children, _ = driven(screened_offspring(library, settings, 0, 2, 0, 64), settings)
+    apart = np.linalg.norm(children.foreseen[:, None].astype(float) - library["foreseen"][None], axis=2)
+    assert len(children.slots) > 10
+    assert apart.min() >= 1.0 - 1e-6
+
+
+def test_any_shape_and_any_gap_will_do_when_so_configured():
+    settings = config(foreseen_distance=None, gap_attempts=0)
+    brood, _ = driven(screened_offspring(NOBODY, settings, 0, 1, 0, 64), settings)
+    assert len(brood.slots) > 60
+    assert max(gap(genome) for genome in genomes_of(brood)) > settings.niches.gap
+
+
+def test_what_was_foreseen_is_near_what_comes():
+    settings = config(gap_attempts=0)
+    brood, scores = driven(screened_offspring(NOBODY, settings, 0, 1, 0, 64), settings)
+    marks = signatures(scores.descriptors, scores.values[:, 0], scores.values[:, 1])
+    known = np.isfinite(marks).all(axis=1)
+    assert np.median(np.linalg.norm(marks - brood.foreseen, axis=1)[known]) < 1.5
+
+
+def test_founders_promise_to_qualify_and_seeds_come_first():
+    seed = [[0.1, 0.2, 0.3, 0.5, 1.0, 0.0, 0.0], [0.0, 0.1, 0.0, 0.6, -1.0, 0.5, 0.0]]
+    settings = EvolutionConfig.model_validate({"library": {"size": 40, "seeds": [seed]}})
+    brood = driven(screened_founders(settings, 0), settings)
+    assert brood.genes[0, :2].tolist() == seed
+    assert np.isfinite(brood.foreseen[1:]).all()
+    fitness = evaluate_candidates(Candidates(brood.genes, brood.n_maps), settings).values[1:, 3]
+    assert np.mean(fitness > 0.85) > 0.9
