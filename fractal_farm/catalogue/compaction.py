@@ -24,7 +24,7 @@ from fractal_farm.catalogue.runs import run_lock
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.shards import ROOT, is_root_document, root_documents
 
-LARGE_ROWS = 1 << 17
+LARGE_ROWS = 1 << 16
 """Rows of a merged part, at most: what is held in memory to make one."""
 
 
