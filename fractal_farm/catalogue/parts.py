@@ -42,7 +42,6 @@ _DISTINCT_VALUES = [
 ]
 _STATISTICS = ["design_id", "epoch", "fitness"]
 _TAIL_BYTES = 8
-_LOOKS = 5
 
 Result = TypeVar("Result")
 
@@ -91,12 +90,13 @@ def read_of_parts(root: Path, run_id: str | None, read: Callable[[list[PartName]
     Raises:
         FarmError: a part is missing or damaged.
     """
-    for _ in range(_LOOKS - 1):
+    while True:
+        parts = list_parts(root, run_id)
         try:
-            return read(list_parts(root, run_id))
+            return read(parts)
         except PartGoneError:
-            continue
-    return read(list_parts(root, run_id))
+            if list_parts(root, run_id) == parts:
+                raise
 
 
 def encoded_part(rows: Any, writer: str, commit: Commit) -> tuple[PartName, bytes]:

@@ -26,16 +26,22 @@ def large(tmp_path_factory):
     return synthetic.write(tmp_path_factory.mktemp("large") / "catalogue", DESIGNS, 1000)
 
 
+COMMAND = """
+import re, sys
+from pathlib import Path
+from fractal_farm.cli import main
+code = main()
+print(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1], file=sys.stderr)
+sys.exit(code)
+"""
+
+
 def farm(*arguments):
     """Output of a command, and the most memory that it took, MB."""
-    command = [sys.executable, "-c", "import sys; from fractal_farm.cli import main; sys.exit(main())"]
     environment = os.environ | {"PYTHONPATH": str(HOUSE)}
-    with subprocess.Popen([*command, *map(str, arguments)], env=environment, stdout=subprocess.PIPE) as process:
-        output = process.stdout.read()
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    assert process.returncode == 0
-    return output.decode(), usage.ru_maxrss / 1024
+    words = [sys.executable, "-c", COMMAND, *map(str, arguments)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout, int(done.stderr.split()[-1]) / 1024
 
 
 def test_a_large_catalogue_is_merged_listed_looked_at_verified_and_published(large, tmp_path):

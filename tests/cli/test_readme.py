@@ -51,14 +51,10 @@ def commands() -> list[str]:
     return [line for line in lines if line.startswith("farm ")]
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        command
-        for command in commands()
-        if command.split()[1] not in ("resume", "stop", "bench", "jobs", "compact", "merge")
-    ],
-)
+ELSEWHERE = ("resume", "stop", "bench", "jobs", "compact", "merge")
+
+
+@pytest.mark.parametrize("command", [command for command in commands() if command.split()[1] not in ELSEWHERE])
 def test_a_command_runs(clone: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
     monkeypatch.chdir(clone)
     identity = Catalogue.open("runs/quickstart").designs(["design_id"])["design_id"][0].as_py()
