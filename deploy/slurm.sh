@@ -2,6 +2,7 @@
 # A night on a Slurm cluster:  sbatch deploy/slurm.sh configs/overnight.yaml /shared/catalogues/overnight
 # Both paths, and the virtual environment with farm and ray, lie where all nodes see them. Five minutes before the
 # time limit, and when the job is preempted, the run ends at its last complete epoch; submitted again, it goes on.
+# With FARM_MIRROR=s3://bucket/prefix and the AWS_* variables the catalogue is mirrored there (deploy/README.md).
 #SBATCH --job-name=fractal-farm
 #SBATCH --nodes=4
 #SBATCH --ntasks-per-node=1

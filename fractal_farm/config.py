@@ -24,6 +24,7 @@ from fractal_farm.untrusted import Section, explain, override_value, read_yaml, 
 __all__ = ["RunConfig", "load_genomes"]
 
 IDENTITY_VERSION = 3
+MIRROR_URL = r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[A-Za-z0-9_][A-Za-z0-9_.~=+-]*)*/?"
 
 Probability = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -247,6 +248,11 @@ class CatalogueConfig(Section):
         "full", description="full: survives a power cut; process: survives a killed process"
     )
     min_free_gb: float = Field(2.0, ge=0, le=1e6, description="nothing new begins while less disk than this is free")
+    mirror: Annotated[str, Field(pattern=f"^{MIRROR_URL}$")] | None = Field(
+        None,
+        description="where a copy of the catalogue grows along, in an object store; null: nowhere",
+        json_schema_extra={"wording": "s3://bucket/prefix or null"},
+    )
 
 
 class SolidsConfig(Section):

@@ -3,7 +3,9 @@
 `RunWriter` commits designs, `Catalogue` reads them; `layout` draws the tree.
 """
 
+from fractal_farm.catalogue.beginning import begin_run, is_unbegun, what_is_there
 from fractal_farm.catalogue.clouds import DenseClouds
+from fractal_farm.catalogue.judging import Judgement, judge, judgements, with_judgements, withdraw
 from fractal_farm.catalogue.reader import Catalogue, Usage
 from fractal_farm.catalogue.records import (
     committed_records,
@@ -30,14 +32,19 @@ __all__ = [
     "Catalogue",
     "CommitReceipt",
     "DenseClouds",
+    "Judgement",
     "RunInfo",
     "RunWriter",
     "SolidInfo",
     "Usage",
+    "begin_run",
     "committed_records",
     "committed_until",
     "create_run",
     "design_table",
+    "is_unbegun",
+    "judge",
+    "judgements",
     "latest_snapshot",
     "read_run",
     "record_end",
@@ -46,5 +53,8 @@ __all__ = [
     "run_ids",
     "run_is_live",
     "run_lock",
+    "what_is_there",
+    "with_judgements",
+    "withdraw",
     "write_snapshot",
 ]

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.catalogue.formula import formula_of
+from fractal_farm.catalogue.formula import formula_of_row
 from fractal_farm.catalogue.lineage import read_lineage
 from fractal_farm.catalogue.reader import Catalogue
 from fractal_farm.catalogue.rows import genome_of
-from fractal_farm.catalogue.runs import read_run
 from fractal_farm.distinctness import DESCRIPTOR_LENGTH, signatures
-from fractal_farm.errors import FarmError
 from fractal_farm.fitness import evaluate
 from fractal_farm.fitness.evaluation import POINTS
 from fractal_farm.ifs.genome import GENE_NAMES, Genome
@@ -118,9 +116,7 @@ def _signature(row: Mapping[str, Any]) -> npt.NDArray[np.float64]:
 def _scores(catalogue: Catalogue, rows: tuple[dict[str, Any], ...], genomes: tuple[Genome, Genome]) -> list[Score]:
     results = []
     for row, genome in zip(rows, genomes, strict=True):
-        formula = formula_of(read_run(catalogue.path, row["run_id"]))
-        if formula is None:
-            raise FarmError(f"{catalogue.path}: run.json of run {row['run_id']} has no constants of the fitness")
+        formula = formula_of_row(catalogue.path, row)
         results.append(evaluate([genome], row["n_points"] or POINTS, formula, repeats=CLOUDS))
 
     def pair(name: str) -> tuple[float, float]:

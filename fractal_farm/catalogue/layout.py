@@ -2,12 +2,14 @@
 
     zarr.json                                   root group; attribute `fractal_farm` says format and features
     runs/<run_id>/                              run.json, lock, final~<n>~<crc32c>.json
+    runs/hand/                                  judgement~<n>~<crc32c>.json; no run, but what people do
     clouds/<writer>/{points,transform,design_id}/     Zarr v3 arrays, one chunk file of each a commit
     manifest/designs/<writer>~<seq>~<rows>~<crc32c>.parquet     one file = one commit
     manifest/designs/<writer>~<seq>-<last>~<rows>~<crc32c of its end>~<crc32c>.parquet     commits merged into one file
     manifest/mendings/<hex>~<crc32c>.json       checksums of cloud files that a repair grew again with other bytes
     snapshots/<run_id>~<epoch>~<crc32c>.snapshot
     solids/<design_id>/<parameters hash>/       a finished solid, with solid.json
+    identity.json                               which catalogue this is, once it has a mirror (`mirror`)
     catalogue.png, report.html, logs/, index/   can be made again, or lost
     quarantine/                                 what a repair moved aside; never read, never deleted
 
@@ -29,11 +31,14 @@ FORMAT = "1.0"
 FEATURES = frozenset({"merged-parts"})
 
 RUNS = "runs"
+HAND = "hand"
+"""The pseudo-run of what people do: judgements, and designs that they made."""
 CLOUDS = "clouds"
 DESIGNS = "manifest/designs"
 MENDINGS = "manifest/mendings"
 SNAPSHOTS = "snapshots"
 SOLIDS = "solids"
+IDENTITY = "identity.json"
 INDEX = "index"
 QUARANTINE = "quarantine"
 

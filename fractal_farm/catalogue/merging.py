@@ -24,10 +24,12 @@ from fractal_farm.catalogue.documents import encoded_document, opened_document
 from fractal_farm.catalogue.durable import new_directory, put
 from fractal_farm.catalogue.layout import (
     DESIGNS,
+    HAND,
     MENDINGS,
     SNAPSHOTS,
     SOLIDS,
     PartName,
+    belongs_to,
     crc32c,
     run_directory,
 )
@@ -85,6 +87,7 @@ def merge(out: Path, sources: Sequence[Path], finish: Callable[[Path], object]) 
         Catalogue.create(place)
         for run_id in sorted({run_id for root in roots for run_id in run_ids(root)}):
             _put_run(place, run_id, [root for root in roots if run_id in run_ids(root)])
+        _put_judgements(place, roots)
         parts = _standing_parts(roots)
         for root, name in parts:
             for commit in read_commits(root, name, records=False):
@@ -101,6 +104,7 @@ def _checked(sources: Sequence[Path]) -> list[Path]:
     """The sources in an order of their own, each once."""
     roots = list(dict.fromkeys(path.resolve() for path in sources))
     keeps: dict[str, tuple[str, Path]] = {}
+    steered: dict[str, tuple[list[bytes], Path]] = {}
     for root in roots:
         Catalogue.open(root)
         for run_id in run_ids(root):
@@ -112,6 +116,14 @@ def _checked(sources: Sequence[Path]) -> list[Path]:
                 raise InputError(
                     f"run {run_id} keeps what is {other} in {where} and what is {keep} in {root}; merge one of them"
                 )
+            requests = [path.read_bytes() for path in sorted(run_directory(root, run_id).glob("steering~*.json"))]
+            others, where = steered.setdefault(run_id, (requests, root))
+            if any(one != another for one, another in zip(requests, others, strict=False)):
+                raise InputError(
+                    f"run {run_id} was steered in {where} otherwise than in {root}, so it is not the same; merge one "
+                    "of them"
+                )
+            steered[run_id] = max((others, where), (requests, root), key=lambda told: len(told[0]))
     return sorted(roots, key=lambda root: (sorted(_names(root)), str(root)))
 
 
@@ -145,9 +157,17 @@ def _put_run(place: Path, run_id: str, roots: list[Path]) -> None:
 
 
 def _documents(root: Path, run_id: str) -> list[Path]:
-    """run.json and the settings of later sessions."""
-    directory = run_directory(root, run_id)
-    return [directory / "run.json", *sorted(directory.glob("settings~*.json"))]
+    """What there is of a run but how it ended: run.json, the settings of later sessions, requests to steer it."""
+    paths = run_directory(root, run_id).glob("[!.]*.json")
+    return sorted(path for path in paths if not path.name.startswith("final~"))
+
+
+def _put_judgements(place: Path, roots: Sequence[Path]) -> None:
+    """What people think of the designs of any source, in the order in which they said it."""
+    found = {path.read_bytes() for root in roots for path in run_directory(root, HAND).glob("judgement~*.json")}
+    said = {content: document for content in found if (document := opened_document(content)) is not None}
+    for number, content in enumerate(sorted(said, key=lambda content: (said[content].get("at", ""), content))):
+        put(run_directory(place, HAND) / f"judgement~{number:08d}~{crc32c(content):08x}.json", content, "process")
 
 
 def _copied(path: Path, target: Path) -> None:
@@ -239,6 +259,7 @@ def _groups(parts: Sequence[tuple[Path, PartName]]) -> Iterator[list[tuple[Path,
     group: list[tuple[Path, PartName]] = []
     for root, name in parts:
         follows = bool(group) and group[-1][1].writer == name.writer and group[-1][1].last + 1 == name.seq
+        follows = follows and not belongs_to(name.writer, HAND)  # the records of each tell how it was scored
         if group and not (follows and sum(member.rows for _, member in group) + name.rows <= LARGE_ROWS):
             yield group
             group = []

@@ -14,7 +14,7 @@ import io
 import json
 import os
 import zlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -61,6 +61,7 @@ class Commit:
         records: the islands' records, as they were committed; empty where they were not asked for.
         checksum: CRC32C of the records.
         files: key -> (bytes, CRC32C) of every file that the commit put down before, keys relative to the root.
+        fitness: identity of what scored the rows (`FitnessFormula.identity`); None in older parts.
     """
 
     seq: int
@@ -69,6 +70,7 @@ class Commit:
     records: bytes
     checksum: int
     files: Mapping[str, tuple[int, int]]
+    fitness: str | None = None
 
 
 def list_parts(root: Path, run_id: str | None = None) -> list[PartName]:
@@ -109,6 +111,7 @@ def encoded_part(rows: Any, writer: str, commit: Commit) -> tuple[PartName, byte
         file.add_key_value_metadata(
             {
                 **_about(writer, commit.seq),
+                **({"farm.fitness": commit.fitness} if commit.fitness else {}),
                 "farm.epochs": json.dumps(commit.epochs),
                 "farm.records": base64.b64encode(commit.records).decode(),
                 "farm.shards": json.dumps(_file_list(commit)),
@@ -130,7 +133,7 @@ def encoded_merged_part(rows: Any, writer: str, commits: Sequence[Commit]) -> tu
         for commit in commits:
             place = (sink.tell(), len(commit.records), commit.checksum)
             sink.write(commit.records)
-            entries.append([commit.seq, commit.rows, commit.epochs, place, _file_list(commit)])
+            entries.append([commit.seq, commit.rows, commit.epochs, place, _file_list(commit), commit.fitness])
         index = zlib.compress(json.dumps(entries, separators=(",", ":")).encode(), 6)
         place = (sink.tell(), len(index), crc32c(index))
         sink.write(index)
@@ -211,12 +214,19 @@ def read_commits(root: Path, name: PartName, *, records: bool | Collection[int] 
         first, last = json.loads(metadata[b"farm.epochs"])
         files = _file_dictionary(json.loads(metadata[b"farm.shards"]))
         blob = base64.b64decode(metadata[b"farm.records"])
-        return [Commit(name.seq, name.rows, (first, last), blob if wanted(name.seq) else b"", crc32c(blob), files)]
+        fitness = metadata.get(b"farm.fitness", b"").decode() or None
+        kept = blob if wanted(name.seq) else b""
+        return [Commit(name.seq, name.rows, (first, last), kept, crc32c(blob), files, fitness)]
     with _opened(root, name) as file:
         return [
             replace(commit, records=_piece(root, name, file, place)) if wanted(commit.seq) else commit
             for commit, place in _merged_commits(root, name)
         ]
+
+
+def epochs_of(commits: Sequence[Commit]) -> tuple[int, int]:
+    """First and last epoch of some commits."""
+    return min(commit.epochs[0] for commit in commits), max(commit.epochs[1] for commit in commits)
 
 
 def open_part(root: Path, name: PartName) -> Any:
@@ -249,23 +259,27 @@ def _merged_commits(root: Path, name: PartName) -> list[tuple[Commit, tuple[int,
     with _opened(root, name) as file:
         entries = json.loads(zlib.decompress(_piece(root, name, file, place)))
     return [
-        (Commit(seq, rows, (epochs[0], epochs[1]), b"", place[2], _file_dictionary(files)), tuple(place))
-        for seq, rows, epochs, place, files in entries
+        (Commit(seq, rows, (epochs[0], epochs[1]), b"", place[2], _file_dictionary(files), fitness), tuple(place))
+        for seq, rows, epochs, place, files, fitness in entries
     ]
 
 
 def _listed(root: Path, run_id: str | None) -> tuple[list[PartName], list[PartName]]:
     directory = root / DESIGNS
     names = [part_name(entry.name) for entry in directory.iterdir()] if directory.is_dir() else []
-    mine = [name for name in names if name and (run_id is None or belongs_to(name.writer, run_id))]
+    return told_apart(name for name in names if name and (run_id is None or belongs_to(name.writer, run_id)))
+
+
+def told_apart(names: Iterable[PartName]) -> tuple[list[PartName], list[PartName]]:
+    """Parts that hold each commit once, in order of writers and commits, and those whose commits they hold, too."""
     holding: list[PartName] = []
     replaced: list[PartName] = []
-    for name in sorted(mine, key=lambda name: (name.writer, name.seq, -name.last, name.file_name)):
-        (replaced if holding and _holds(holding[-1], name) else holding).append(name)
+    for name in sorted(names, key=lambda name: (name.writer, name.seq, -name.last, name.file_name)):
+        (replaced if holding and holds(holding[-1], name) else holding).append(name)
     return holding, replaced
 
 
-def _holds(wider: PartName, name: PartName) -> bool:
+def holds(wider: PartName, name: PartName) -> bool:
     """Whether a merged part holds all commits of another one."""
     inside = wider.seq <= name.seq and name.last <= wider.last
     return wider.writer == name.writer and inside and (wider.seq, wider.last) != (name.seq, name.last)

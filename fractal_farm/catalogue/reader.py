@@ -19,7 +19,7 @@ import numpy.typing as npt
 from fractal_farm.catalogue.clouds import CLOUD_COLUMNS, CloudArrays, DenseClouds
 from fractal_farm.catalogue.digest import BLOCK, DIGEST_COLUMNS, content_digest
 from fractal_farm.catalogue.durable import put
-from fractal_farm.catalogue.layout import FEATURES, FORMAT, PartName
+from fractal_farm.catalogue.layout import FEATURES, FORMAT, HAND, PartName, belongs_to
 from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_of_parts
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
@@ -108,7 +108,12 @@ class Catalogue:
         return cls(root)
 
     def designs(
-        self, columns: Sequence[str] | None = None, run_id: str | None = None, *, ancestors: bool = False
+        self,
+        columns: Sequence[str] | None = None,
+        run_id: str | None = None,
+        *,
+        ancestors: bool = False,
+        by_hand: bool = True,
     ) -> Any:
         """The designs committed so far, each once, best first.
 
@@ -116,6 +121,7 @@ class Catalogue:
             columns: names of `schema.DESIGN_SCHEMA`; all if None.
             run_id: only designs that this run kept.
             ancestors: also parents of designs that were not kept themselves (kind "ancestor").
+            by_hand: also designs that somebody made (run "hand").
 
         Returns:
             pyarrow Table, sorted by (-fitness, design_id). Of equal design_ids the row smallest in (epoch,
@@ -128,7 +134,7 @@ class Catalogue:
         wanted = _known(DESIGN_SCHEMA.names if columns is None else columns)
 
         def read(parts: list[PartName]) -> Any:
-            rows = self._rows_of(parts)
+            rows = self._rows_of(parts if by_hand else _not_by_hand(parts))
             return rows.read(wanted).take(indices(rows.best_first(rows.standing(ancestors=ancestors))))
 
         return read_of_parts(self.path, run_id, read)
@@ -228,10 +234,13 @@ class Catalogue:
         return DenseClouds(self._arrays, self.designs(CLOUD_COLUMNS, run_id).slice(0, limit))
 
     def digest(self, run_id: str | None = None) -> str:
-        """The content digest, 32 hex digits: equal for equal results, however they came about; ancestors count."""
+        """The content digest, 32 hex digits: equal for equal results, however they came about.
+
+        Ancestors count; what people did by hand does not.
+        """
 
         def read(parts: list[PartName]) -> str:
-            rows = self._rows_of(parts)
+            rows = self._rows_of(_not_by_hand(parts))
             rows.read(DIGEST_COLUMNS)
             places = rows.first(rows.standing(ancestors=True), "design_id", descending=False)
             return content_digest(
@@ -337,6 +346,10 @@ def _known(columns: Sequence[str]) -> list[str]:
     if unknown := [name for name in columns if name not in DESIGN_SCHEMA.names]:
         raise InputError(f"no column {', '.join(unknown)}; the columns are {', '.join(DESIGN_SCHEMA.names)}")
     return list(dict.fromkeys(columns))
+
+
+def _not_by_hand(parts: Sequence[PartName]) -> list[PartName]:
+    return [part for part in parts if not belongs_to(part.writer, HAND)]
 
 
 def _version(text: str) -> tuple[int, int]:

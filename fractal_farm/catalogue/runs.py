@@ -122,8 +122,13 @@ def run_ends(root: Path, run_id: str) -> list[dict[str, Any]]:
 
 
 @contextmanager
-def run_lock(root: Path, run_id: str) -> Iterator[None]:
+def run_lock(root: Path, run_id: str, patience_s: float = _PATIENCE_SECONDS) -> Iterator[None]:
     """Hold the run: only one process works on it. The kernel frees the lock when the process dies.
+
+    Args:
+        root: directory of the catalogue.
+        run_id: id of the run, or `layout.HAND`.
+        patience_s: how long to wait for another that holds it.
 
     Raises:
         InputError: another live process holds it.
@@ -132,7 +137,7 @@ def run_lock(root: Path, run_id: str) -> Iterator[None]:
     make_directory(path.parent)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
-        if not _acquired(descriptor):
+        if not _acquired(descriptor, patience_s):
             holder = path.read_text().partition(" #")[0].strip() or "another process"
             raise InputError(f"{root}: run {run_id} is in the hands of {holder}; wait for it, or stop it first")
         os.ftruncate(descriptor, 0)
@@ -151,9 +156,9 @@ def is_whole_lock(content: bytes) -> bool:
     return seal == f"{crc32c(holder):08x}\n".encode()
 
 
-def _acquired(descriptor: int) -> bool:
+def _acquired(descriptor: int, patience_s: float) -> bool:
     """Take the lock; a reader that tests it (`_is_locked`) holds it for an instant, so ask more than once."""
-    deadline = time.monotonic() + _PATIENCE_SECONDS
+    deadline = time.monotonic() + patience_s
     while True:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -17,11 +17,12 @@ import pyarrow.compute as pc
 
 from fractal_farm.catalogue.layout import PartName
 from fractal_farm.catalogue.parts import ROW_GROUP, open_part, read_columns
-from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH, PLANTED
 from fractal_farm.errors import FarmError
 
-RANK = ("design_id", "kind", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
-"""Of rows with equal design_id the first in this order stands; a design comes before an ancestor."""
+RANK = ("design_id", "kind", "operator", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
+"""Of rows with equal design_id the first in this order stands; a design comes before an ancestor, and what was bred
+before what was planted: the founder of one run is a child of another. Designs made by hand have no place of birth."""
 
 _ID_DIGITS = 32
 _SHORTEST_PREFIX = 4
@@ -159,6 +160,8 @@ def numbers(column: Any) -> npt.NDArray[Any]:
 
 def first_of_each(table: Any) -> Places:
     """Indices of the rows that stand in a table with the columns of `RANK`, in order of design_id."""
+    planted = pc.starts_with(table.column("operator"), PLANTED)
+    table = table.set_column(table.column_names.index("operator"), "operator", planted)
     keys = [(name, "descending" if name == "kind" else "ascending") for name in RANK]
     order = places_of(pc.sort_indices(table, keys))
     ids = id_words(table.column("design_id"))[order]

@@ -86,6 +86,8 @@ OPTIONAL = frozenset({"distinct", "niche", "gap", "similarity_dimension", "descr
 """Columns that a commit may leave out; they become null."""
 
 KINDS = ("design", "ancestor")
+PLANTED = "seed"
+"""Operator of a design that was not bred in the run but given to it."""
 ORDER_OF_BIRTH = ("epoch", "island", "generation", "slot")
 
 

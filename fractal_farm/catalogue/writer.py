@@ -74,6 +74,7 @@ class RunWriter:
         n_points: points of every cloud.
         clouds: "kept" stores the clouds; "none" keeps only their checksums, readers grow them again.
         durability: "full" survives a power cut, "process" the death of the process.
+        fitness: identity of what scores the designs, see `parts.Commit`.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class RunWriter:
         n_points: int,
         clouds: Literal["kept", "none"] = "kept",
         durability: Durability = "full",
+        fitness: str | None = None,
     ) -> None:
         self._root = Path(root)
         self._run_id = checked_run_id(run_id)
@@ -93,6 +95,7 @@ class RunWriter:
         self._n_points = n_points
         self._clouds = clouds
         self._durability = durability
+        self._fitness = fitness
         self._pending: _Pending | None = None
         self._name = ""
         self._seq = 0
@@ -187,7 +190,7 @@ class RunWriter:
             path.relative_to(self._root).as_posix(): (len(content), crc32c(content)) for path, content in listed.items()
         }
         rows = self._placed(given, kept, clouds, stored)
-        commit = Commit(self._seq, given.num_rows, epochs, records, crc32c(records), references)
+        commit = Commit(self._seq, given.num_rows, epochs, records, crc32c(records), references, self._fitness)
         name, content = encoded_part(rows, self._name, commit)
         part = self._root / DESIGNS / name.file_name
         receipt = CommitReceipt(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, write_file
+from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, say, write_file
 from fractal_farm.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Director
 DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
 
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
+_JUDGED_COLUMNS = ("stars", "favourite")
+_PREFERENCE = "preference"
 _TABLE_ROWS = 20
 
 
@@ -56,7 +58,11 @@ def list_designs(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List designs, filtered and sorted."""
+    """List designs, filtered and sorted.
+
+    Beside the columns of the manifest there are stars and favourite, and preference, the stars that farm preference
+    expects: --where "stars >= 4 or favourite", --sort preference.
+    """
     from fractal_farm.catalogue import Catalogue
 
     form = Format.JSON if as_json else form
@@ -65,7 +71,7 @@ def list_designs(
     if form is Format.TABLE and limit is None:
         limit = _TABLE_ROWS
     catalogue = Catalogue.open(directory)
-    table, total = _selected(catalogue, _chosen(columns, form), where, sort, limit, ancestors=ancestors)
+    table, total = _listed(catalogue, where, sort, limit, columns, form, ancestors=ancestors)
     if form is Format.TABLE and output is None:
         print_table(table.column_names, [list(row.values()) for row in table.to_pylist()])
         typer.echo(f"{table.num_rows} of {total} designs", err=True)
@@ -81,7 +87,8 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Show one design: genome, scores, lineage, files."""
-    from fractal_farm.catalogue import Catalogue
+    from fractal_farm.catalogue import Catalogue, judgements
+    from fractal_farm.catalogue.layout import HAND
     from fractal_farm.ifs.genome import GENE_NAMES, ROW_LENGTH
 
     catalogue = Catalogue.open(directory)
@@ -90,12 +97,15 @@ def show(
     genes = [row["genes"][k : k + width] for k in range(0, len(row["genes"]), width)]
     maps = [row["maps"][k : k + 12] for k in range(0, len(row["maps"]), 12)]
     files = _files(catalogue, row)
+    judgement = judgements(directory).get(row["design_id"])
     if as_json:
-        print_json({**row, "genes": genes, "maps": maps, "files": files})
+        judged = {"stars": judgement and judgement.stars, "favourite": bool(judgement and judgement.favourite)}
+        print_json({**row, **judged, "genes": genes, "maps": maps, "files": files})
         return
     print_facts(
         {
             "design": row["design_id"],
+            "judgement": judgement and str(judgement),
             "fitness": row["fitness"],
             "D0": _with_error(row["d0"], row["d0_error"]),
             "D2": _with_error(row["d2"], row["d2_error"]),
@@ -104,7 +114,9 @@ def show(
             "gap": row["gap"],
             "parents": row["parents"] or "none",
             "operator": row["operator"],
-            "born": f"run {row['run_id']}, island {row['island']}, epoch {row['epoch']}, "
+            "born": "by hand"
+            if row["run_id"] == HAND
+            else f"run {row['run_id']}, island {row['island']}, epoch {row['epoch']}, "
             f"generation {row['generation']}, slot {row['slot']}",
             "phenotype": f"{row['family']}, {row['map_form']}, rotation sign {row['rotation_sign']}, "
             f"influence {row['influence']:g}",
@@ -120,37 +132,106 @@ def show(
     )
 
 
+def _listed(
+    catalogue: Catalogue,
+    where: str | None,
+    sort: str,
+    limit: int | None,
+    columns: str | None,
+    form: Format,
+    *,
+    ancestors: bool,
+) -> tuple[Any, int]:
+    """The first designs of a selection with their judgements, and how many it has."""
+    from fractal_farm.catalogue import with_judgements
+    from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+
+    told = [words or "" for words in (where, sort, columns)]
+    if not any(name in words for name in (*_JUDGED_COLUMNS, _PREFERENCE) for words in told):
+        # Nothing is read but the columns that decide, and the rows that are shown.
+        read = _SHORT_COLUMNS if columns is None and form is Format.TABLE else DESIGN_SCHEMA.names
+        read = read if columns is None or columns.strip() == "all" else [name.strip() for name in columns.split(",")]
+        known = [name for name in ("design_id", *read) if name in DESIGN_SCHEMA.names]
+        table, total = _selected(catalogue, [*dict.fromkeys(known)], where, sort, limit, ancestors=ancestors)
+        table = with_judgements(catalogue.path, table)
+    else:
+        table = with_judgements(catalogue.path, catalogue.designs(ancestors=ancestors))
+        if any(_PREFERENCE in words for words in told):
+            table = _with_preference(catalogue.path, table)
+        table = _sorted(table, where, f"{sort} desc" if sort.strip() == _PREFERENCE else sort)
+        total = table.num_rows
+        table = table.slice(0, limit)
+    return table.select(_chosen(columns, form, table)), total
+
+
+def _with_preference(directory: Path, table: Any) -> Any:
+    """The table with the stars that each design would get, and a word about how far that is to be trusted."""
+    from fractal_farm.hand.preference import preference_of, with_preference
+
+    model = preference_of(directory)
+    if not model.useful:
+        say(f"preference: {model.verdict} (farm preference {directory})")
+    return with_preference(table, model)
+
+
 def _selected(
     catalogue: Catalogue, columns: list[str], where: str | None, sort: str, limit: int | None, *, ancestors: bool
 ) -> tuple[Any, int]:
-    """The first designs of a selection, and how many it has."""
-    import pyarrow as pa
-
+    """Designs by columns of the manifest alone."""
     from fractal_farm.catalogue.schema import DESIGN_SCHEMA
     from fractal_farm.cli.where import explained_selection, selection_of
 
-    known = DESIGN_SCHEMA.names
+    name, descending = _order(sort, DESIGN_SCHEMA)
     expression, names = selection_of(where)
+    with explained_selection(where):
+        return catalogue.select(columns, expression, names, (name, descending), limit, ancestors=ancestors)
+
+
+def _sorted(table: Any, where: str | None, sort: str) -> Any:
+    """A table of designs, filtered and sorted."""
+    from fractal_farm.cli.where import explained_selection, filter_expression
+
+    name, descending = _order(sort, table.schema)
+    if where is not None:
+        expression = filter_expression(where, table.schema)
+        with explained_selection(where):
+            table = table.filter(expression)
+    keys = [(name, "descending" if descending else "ascending")]
+    return table.sort_by(keys if name == "design_id" else [*keys, ("design_id", "ascending")])
+
+
+def _order(sort: str, schema: Any) -> tuple[str, bool]:
+    """The column to sort by, and whether the largest come first."""
+    import pyarrow as pa
+
     name, _, direction = sort.strip().partition(" ")
     direction = direction.strip().lower()
-    if name not in known or direction not in ("", "asc", "desc"):
-        raise InputError(f"--sort {sort!r}: give a column, with asc or desc; columns: {', '.join(known)}")
-    if pa.types.is_nested(DESIGN_SCHEMA.field(name).type):
+    if name not in schema.names or direction not in ("", "asc", "desc"):
+        raise InputError(f"--sort {sort!r}: give a column, with asc or desc; columns: {', '.join(_all_columns())}")
+    if pa.types.is_nested(schema.field(name).type):
         raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values")
-    with explained_selection(where):
-        return catalogue.select(columns, expression, names, (name, direction == "desc"), limit, ancestors=ancestors)
+    return name, direction == "desc"
 
 
-def _chosen(columns: str | None, form: Format) -> list[str]:
+def _all_columns() -> list[str]:
     from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 
-    known = DESIGN_SCHEMA.names
+    return [*DESIGN_SCHEMA.names, *_JUDGED_COLUMNS, _PREFERENCE]
+
+
+def _chosen(columns: str | None, form: Format, table: Any) -> list[str]:
+    """The columns to show; a short table has those of judgements once there are any."""
+    known: list[str] = table.column_names
+    if columns is None and form is not Format.TABLE:
+        return known
     if columns is None:
-        return [name for name in _SHORT_COLUMNS if name in known] if form is Format.TABLE else known
+        judged = table.column("stars").null_count < len(table) or True in table.column("favourite").to_pylist()
+        ranked = [name for name in (_PREFERENCE,) if name in known]
+        return [*_SHORT_COLUMNS, *(_JUDGED_COLUMNS if judged else ()), *ranked]
     chosen = known if columns.strip() == "all" else [name.strip() for name in columns.split(",")]
     for name in chosen:
         if name not in known:
-            raise InputError(f"--columns: unknown column {name!r}; the columns are {', '.join(known)}")
+            raise InputError(f"--columns: unknown column {name!r}; the columns are {', '.join(_all_columns())}")
     return chosen
 
 

@@ -21,9 +21,12 @@ from fractal_farm.cli import (
     design_commands,
     doctor,
     exchange_commands,
+    experiment,
+    hand_commands,
     jobs,
     likeness_commands,
     lineage,
+    mirror,
     run_commands,
     status,
     verify,
@@ -54,13 +57,20 @@ app.command("lineage")(lineage.lineage)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
 app.command("mesh")(design_commands.mesh)
+app.command("rate")(hand_commands.rate)
+app.command("preference")(hand_commands.preference)
+app.command("breed")(hand_commands.breed)
+app.command("keep")(hand_commands.keep)
 app.command("verify")(verify.verify)
+app.command("mirror")(mirror.mirror)
+app.command("fetch")(mirror.fetch)
 app.command("reproduce")(verify.reproduce)
 app.command("compact")(exchange_commands.compact)
 app.command("export")(exchange_commands.export)
 app.command("merge")(exchange_commands.merge)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
+app.add_typer(experiment.app, name="experiment")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

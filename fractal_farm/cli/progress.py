@@ -17,11 +17,13 @@ from fractal_farm.farm.events import (
     Event,
     Fault,
     MeshFinished,
+    MirrorChanged,
     PartCommitted,
     Paused,
     Progress,
     RunEnded,
     RunStarted,
+    Steered,
 )
 
 _LIMITS = (
@@ -87,9 +89,17 @@ class RunView:
             return f"waiting: {event.cause}"
         elif isinstance(event, Continued):
             return f"going on: {event.reason}"
+        elif isinstance(event, MirrorChanged):
+            lacks = f"{event.files:,} {'file' if event.files == 1 else 'files'} behind"
+            if event.cause is None:
+                return f"mirror {event.url}: answers again, {lacks}"
+            return f"mirror: {event.cause}; {lacks}, tried again while the run lives"
         elif isinstance(event, Draining):
             self.ending = "ending"
             return f"ending: {event.reason}; committing what is complete"
+        elif isinstance(event, Steered):
+            chosen = ", ".join(identity[:8] for identity in event.design_ids)
+            return f"steered: epochs {event.first} to {event.last} breed from {chosen}, too"
         elif isinstance(event, Fault):
             return f"{event.where}: {event.cause}; {event.remedy}"
         elif isinstance(event, RunEnded):

@@ -13,6 +13,7 @@ import typer
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
 from fractal_farm.cli.output import AsJson, duration, print_facts, print_json, results_only_on_stdout, say
 from fractal_farm.errors import InputError
+from fractal_farm.farm.interrupts import listening
 
 if TYPE_CHECKING:
     from fractal_farm.farm import RunSummary
@@ -48,6 +49,7 @@ RunOption = Annotated[
 ]
 
 
+@listening()
 def submit(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the run.")],
     out: Annotated[
@@ -79,14 +81,15 @@ def submit(
     if detach:
         from fractal_farm.farm.on_ray import jobs
 
-        _only_on_a_cluster(executor, into)
-        return _detached(jobs.detach(run, str(out or Path("runs") / run.name), address), address, as_json)
+        _only_on_a_cluster(executor)
+        return _detached(jobs.detach(run, str(out or Path("runs") / run.name), address, into), address, as_json)
     directory = out if out is not None else Path("runs") / run.name
-    with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
+    with saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.submit(run, directory, address=address, executor=_name(executor), into=into, callbacks=[display])
-    return _report(summary, as_json)
+    return report_end(summary, as_json)
 
 
+@listening()
 def resume(
     directory: DirectoryArgument,
     run: RunOption = None,
@@ -106,11 +109,9 @@ def resume(
     if detach:
         from fractal_farm.farm.on_ray import jobs
 
-        _only_on_a_cluster(executor, into=False)
-        if run is not None:
-            raise InputError("--run: not together with --detach; resume it from where the catalogue is")
-        return _detached(jobs.detach_resume(str(directory), overrides or (), address), address, as_json)
-    with _saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
+        _only_on_a_cluster(executor)
+        return _detached(jobs.detach_resume(str(directory), run, overrides or (), address), address, as_json)
+    with saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.resume(
             directory,
             run=run,
@@ -119,7 +120,7 @@ def resume(
             executor=_name(executor),
             callbacks=[display],
         )
-    return _report(summary, as_json)
+    return report_end(summary, as_json)
 
 
 def stop(directory: DirectoryArgument, run: RunOption = None) -> None:
@@ -133,11 +134,9 @@ def stop(directory: DirectoryArgument, run: RunOption = None) -> None:
     say(f"ended after {epochs:,} epochs; go on with: farm resume {directory}")
 
 
-def _only_on_a_cluster(executor: ExecutorName | None, into: bool) -> None:
+def _only_on_a_cluster(executor: ExecutorName | None) -> None:
     if executor is ExecutorName.SERIAL:
         raise InputError("--executor serial: a run that is handed to a cluster works there; leave --detach out")
-    if into:
-        raise InputError("--into: not together with --detach; run farm on the cluster's head for that")
 
 
 def _detached(job: str, address: str | None, as_json: bool) -> int:
@@ -154,17 +153,18 @@ def _name(executor: ExecutorName | None) -> str | None:
 
 
 @contextlib.contextmanager
-def _saying_how_to_resume(directory: Path) -> Iterator[None]:
+def saying_how_to_resume(directory: Path) -> Iterator[None]:
     """A second Ctrl-C ends the process at once; what was committed stays."""
     try:
         yield
     except KeyboardInterrupt:
-        begun = (directory / "zarr.json").exists()
+        begun = any(directory.glob("runs/*/run.json"))
         say(f"interrupted; go on from the last commit with: farm resume {directory}" if begun else "interrupted")
         raise
 
 
-def _report(summary: RunSummary, as_json: bool) -> int:
+def report_end(summary: RunSummary, as_json: bool) -> int:
+    """Print how a session ended; the exit code."""
     ended = summary.ended
     say(f"go on with: farm resume {summary.path}" if ended.interrupted else f"the best: farm list {summary.path}")
     if as_json:
@@ -182,7 +182,21 @@ def _report(summary: RunSummary, as_json: bool) -> int:
             "meshes": f"{ended.meshes} made now{failed}" + (f", in {summary.path / 'solids'}" if ended.meshes else ""),
             "picture": summary.sheet,
             "report": summary.path / "report.html",
+            "mirror": _mirror(summary),
             "digest": ended.digest,
         }
     )
     return summary.exit_code
+
+
+def _mirror(summary: RunSummary) -> str | None:
+    """Where the mirror is and what it lacks."""
+    mirror = summary.mirror
+    if mirror is None:
+        return None
+    if mirror.cause is None:
+        return f"{mirror.url}, complete"
+    return (
+        f"{mirror.url} is {mirror.files:,} {'file' if mirror.files == 1 else 'files'} behind ({mirror.cause}); "
+        f"bring it up to date with: farm mirror {summary.path} {mirror.url}"
+    )

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _FAILURES_SHOWN = 5
 _ISLANDS_SHOWN = 16
+_STEERING_SHOWN = 5
 _SILENT_S = 120.0
 
 
@@ -121,6 +122,8 @@ def status_line(facts: dict[str, Any]) -> str:
         parts.append(f"{faults} {'fault' if faults == 1 else 'faults'}")
     if facts["waits"]:
         parts.append(f"waiting: {facts['waits']}")
+    if facts["mirror"] and facts["mirror"]["files"]:
+        parts.append(f"mirror {_behind(facts['mirror'])}")
     if facts["damage"]:
         parts.append(f"{len(facts['damage'])} damaged")
     if (left := _left(facts)) is not None:
@@ -154,12 +157,15 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         "meshes": f"{facts['meshes']:,}{failed}",
         "islands": _many(map(_island, facts["islands"]), _ISLANDS_SHOWN),
         "migration": _migration(facts),
+        "steering": _many(map(_steering, facts["steering"]), _STEERING_SHOWN),
         "failures": _many(map(_failure, facts["failures"]), _FAILURES_SHOWN) or "none",
         "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files"
         + (f" of {byte_count(facts['whole_bytes'])} at most" if facts["whole_bytes"] else "")
         + f", {byte_count(facts['free_bytes'])} free"
         + ("" if facts["min_free_bytes"] is None else f"; the run waits below {byte_count(facts['min_free_bytes'])}"),
         "forecast": _forecast(facts["forecast"]),
+        "mirror": f"{facts['mirror']['url']}: {_behind(facts['mirror'])}" if facts["mirror"] else None,
+        "ends after": _limits(facts["stop"]),
         "time left": _left(facts),
         "digest": facts["digest"],
     }
@@ -202,6 +208,21 @@ def _left(facts: dict[str, Any]) -> str | None:
     return f"{duration(facts['left_s'])} left until {facts['left_until']}"
 
 
+def _behind(mirror: dict[str, Any]) -> str:
+    """How far a mirror is behind."""
+    why = f": {mirror['cause']}" if mirror["cause"] else ""
+    if not mirror["files"]:
+        return mirror["cause"] or "up to date"
+    size = byte_count(mirror["bytes"])
+    return f"{mirror['files']:,} {'file' if mirror['files'] == 1 else 'files'} behind ({size}){why}"
+
+
+def _limits(stop: dict[str, Any]) -> str:
+    """The limits in force; whichever comes first ends the run."""
+    found = [f"{limit:,g} {name}" for name, limit in stop.items() if limit is not None]
+    return " or ".join(found) or "nothing but an interruption"
+
+
 def _island(island: dict[str, Any]) -> str:
     return (
         f"{island['island']}: epoch {island['epoch']}, best {island['best']:.3f}, "
@@ -219,6 +240,11 @@ def _migration(facts: dict[str, Any]) -> str | None:
         given = " + ".join(f"{number} from {source}" for source, number in island["received"].items())
         lines.append(f"to {island['island']}: {given}, {island['settled']} settled")
     return f"epochs {first} to {last}\n" + str(_many(iter(lines), _ISLANDS_SHOWN))
+
+
+def _steering(request: dict[str, Any]) -> str:
+    chosen = ", ".join(identity[:8] for identity in request["design_ids"])
+    return f"epochs {request['first']} to {request['last']} breed from {chosen}, too"
 
 
 def _failure(failure: dict[str, Any]) -> str:

@@ -18,6 +18,8 @@ from fractal_farm.evolution.offspring import max_maps
 from fractal_farm.ifs.genome import ROW_LENGTH
 
 Wanted = Literal["foreseen", "printable", "scores", "gap"]
+STEERED = -1
+"""In an inbox, the source of designs that somebody chose: only genes, identity and birth place are filled in."""
 
 
 class Candidates(NamedTuple):

@@ -7,13 +7,13 @@ Whoever drives it decides where candidates are evaluated; nothing that is decide
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.archive import Archive, parent_weights
+from fractal_farm.evolution.arrivals import WorkingSpace, settled, steered
 from fractal_farm.evolution.designs import (
     SCORE_FIELDS,
     Designs,
@@ -22,6 +22,7 @@ from fractal_farm.evolution.designs import (
     without_repeats,
 )
 from fractal_farm.evolution.epoch import (
+    STEERED,
     Candidates,
     EpochRecord,
     GenerationStatistics,
@@ -29,7 +30,7 @@ from fractal_farm.evolution.epoch import (
     Scores,
     founding_state,
 )
-from fractal_farm.evolution.migration import emigrants, settle
+from fractal_farm.evolution.migration import emigrants
 from fractal_farm.evolution.offspring import Brood, founders, offspring
 from fractal_farm.evolution.screening import evaluated, screened_founders, screened_offspring
 from fractal_farm.ifs.genome import design_id
@@ -37,16 +38,6 @@ from fractal_farm.ifs.genome import design_id
 _GAP = SCORE_FIELDS.index("gap")
 ACCEPTED_BLOCK = 32
 ACCEPTED_BLOCKS_LIMIT = 1024
-
-
-@dataclass
-class _Epoch:
-    """The working space of one epoch; with niches the archive holds the library."""
-
-    library: Designs
-    archive: Archive | None = None
-    born: list[Designs] = field(default_factory=list)
-    statistics: list[GenerationStatistics] = field(default_factory=list)
 
 
 def advance(
@@ -60,7 +51,8 @@ def advance(
 
     Args:
         state: the island after epoch - 1.
-        inbox: (source island, emigrants) for each source, in index order.
+        inbox: (source island, emigrants) for each source, in index order; (`STEERED`, designs) for those that somebody
+            wants it to breed from, which arrive in the epoch that is their birth place's.
         config: the evolution section of the run's configuration.
         island: index of the island.
         epoch: number of the epoch, from 0; epoch 0 also founds the library.
@@ -72,13 +64,16 @@ def advance(
         The record of the epoch (as the generator's value).
     """
     before = state.library
-    work = _Epoch(before, Archive(before, config) if config.method == "niches" else None)
+    work = WorkingSpace(before, before[:0], Archive(before, config) if config.method == "niches" else None)
     first = epoch * config.generations_per_epoch + 1
     if epoch == 0:
         brood = founders(config, island) if work.archive is None else (yield from screened_founders(config, island))
         scores = yield from evaluated(brood)
         yield from _found(work, brood, scores, config, island)
-    settled = _settled(work, inbox, config, island, first) if inbox else 0
+    migrants = [(source, leaving) for source, leaving in inbox if source != STEERED]
+    found_place = settled(work, [leaving for _, leaving in migrants], config, island, first) if migrants else 0
+    for designs in (designs for source, designs in inbox if source == STEERED):
+        yield from steered(work, designs, config, island, epoch)
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
     yield from _measure_gaps(work, config)
@@ -104,8 +99,8 @@ def advance(
         np.array(leaving, np.int32),
         np.concatenate(work.born) if work.born else after[:0],
         tuple(work.statistics),
-        tuple((source, len(leaving)) for source, leaving in inbox),
-        settled,
+        tuple((source, len(leaving)) for source, leaving in migrants),
+        found_place,
         hits,
     )
 
@@ -122,7 +117,7 @@ def drive(steps: Generator[Candidates, Scores, EpochRecord], evaluate: Callable[
 
 
 def _found(
-    work: _Epoch, brood: Brood, scores: Scores, config: EvolutionConfig, island: int
+    work: WorkingSpace, brood: Brood, scores: Scores, config: EvolutionConfig, island: int
 ) -> Generator[Candidates, Scores, None]:
     """The first library: every founder that has a score, whatever its fitness; of an archive, as any generation."""
     rows = _scored(brood, scores, config, island, 0, 0)
@@ -138,7 +133,7 @@ def _found(
 
 
 def _generation(
-    work: _Epoch, config: EvolutionConfig, island: int, epoch: int, generation: int
+    work: WorkingSpace, config: EvolutionConfig, island: int, epoch: int, generation: int
 ) -> Generator[Candidates, Scores, None]:
     """Breed, evaluate, eliminate, and let the accepted join."""
     rows: list[Designs] = []
@@ -148,9 +143,10 @@ def _generation(
     while True:
         slots = config.offspring or ACCEPTED_BLOCK
         if work.archive is not None:
-            brood, scores = yield from screened_offspring(work.library, config, island, generation, block, slots)
+            place = (island, generation, block)
+            brood, scores = yield from screened_offspring(work.library, config, *place, slots, work.chosen)
         else:
-            brood = offspring(work.library, config, island, generation, block, slots)
+            brood = offspring(work.library, config, island, generation, block, slots, work.chosen)
             scores = yield from evaluated(brood)
         if len(brood.slots):
             scored = _scored(brood, scores, config, island, epoch, generation)
@@ -177,7 +173,7 @@ def _generation(
 
 
 def _enter(
-    work: _Epoch, archive: Archive, scored: Designs, config: EvolutionConfig
+    work: WorkingSpace, archive: Archive, scored: Designs, config: EvolutionConfig
 ) -> Generator[Candidates, Scores, Designs]:
     """The distinct among the qualified enter the archive, with their gap or a bound of it; those that did."""
     qualified = scored[scored["fitness"] > config.qualified]
@@ -197,7 +193,7 @@ def _enter(
     return np.concatenate([newcomers, successors])
 
 
-def _measure_gaps(work: _Epoch, config: EvolutionConfig) -> Generator[Candidates, Scores, None]:
+def _measure_gaps(work: WorkingSpace, config: EvolutionConfig) -> Generator[Candidates, Scores, None]:
     """The gaps of those born in this epoch of whom no more was needed than that they print: all at once."""
     bounded = [rows["gap"] == config.niches.gap for rows in work.born]
     if work.archive is None or not any(rows.any() for rows in bounded):
@@ -210,23 +206,7 @@ def _measure_gaps(work: _Epoch, config: EvolutionConfig) -> Generator[Candidates
         rows["gap"][places] = [gaps[identity] for identity in rows["design_id"][places].tolist()]
 
 
-def _settled(
-    work: _Epoch, inbox: list[tuple[int, Designs]], config: EvolutionConfig, island: int, generation: int
-) -> int:
-    """Let arrivals find their places; how many did."""
-    arrivals = np.concatenate([leaving for _source, leaving in inbox])
-    if work.archive is None:
-        policy = config.migration.replacement
-        work.library, settled = settle(work.library, arrivals, policy, config.seed, island, generation)
-        return settled
-    arrivals["hits"] = 0
-    entered, _ = work.archive.sift(without_repeats(arrivals, work.archive.library))
-    work.archive.trim()
-    work.library = work.archive.library
-    return len(entered)
-
-
-def _join(work: _Epoch, accepted: Designs, config: EvolutionConfig) -> Designs:
+def _join(work: WorkingSpace, accepted: Designs, config: EvolutionConfig) -> Designs:
     """Accepted offspring join the library; with `keep_best` only those that are among its best afterwards."""
     best_only = config.library.growth == "keep_best"
     if best_only and len(work.library) >= config.library.size:
@@ -270,7 +250,7 @@ def _identified(rows: Designs, config: EvolutionConfig) -> Designs:
 
 
 def _statistics(
-    work: _Epoch,
+    work: WorkingSpace,
     config: EvolutionConfig,
     generation: int,
     fitness: npt.NDArray[np.float64],

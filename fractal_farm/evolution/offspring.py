@@ -27,6 +27,8 @@ from fractal_farm.ifs.genome import ROW_LENGTH
 from fractal_farm.random_streams import Purpose, stream
 
 ATTEMPTS = 16
+STEERED_SHARE = 0.5
+"""Of the parents drawn while a run is steered, those that somebody chose."""
 
 Place = tuple[int, int, int, int]
 Slots = npt.NDArray[np.intp]
@@ -81,7 +83,15 @@ def planted(brood: Brood, config: EvolutionConfig) -> Brood:
     return joined([ours, selected(brood, brood.slots >= len(seeds))])
 
 
-def offspring(library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int) -> Brood:
+def offspring(
+    library: Designs,
+    config: EvolutionConfig,
+    island: int,
+    generation: int,
+    block: int,
+    slots: int,
+    chosen: Designs | None = None,
+) -> Brood:
     """A block of offspring.
 
     Args:
@@ -91,11 +101,12 @@ def offspring(library: Designs, config: EvolutionConfig, island: int, generation
         generation: number of the generation, from 1.
         block: number of the block within the generation; its first slot is block * slots.
         slots: slots in a block.
+        chosen: more parents, that somebody chose: they are drawn as often as all of the library together.
 
     Returns:
         The slots that could be filled.
     """
-    draw = _drawing(library, config, (island, generation, block), slots)
+    draw = _drawing(library, config, (island, generation, block), slots, chosen)
     return _moved(_filled(config, slots, draw), block * slots)
 
 
@@ -106,6 +117,7 @@ def draws(
     slots: int,
     wanted: Slots,
     attempts: Iterable[int],
+    chosen: Designs | None = None,
 ) -> Brood:
     """Several offspring for each of some slots of a block, all first draws before all second ones, and so on.
 
@@ -116,8 +128,9 @@ def draws(
         slots: slots in a block.
         wanted: those to draw for.
         attempts: numbers of the draws; each has numbers of its own.
+        chosen: see `offspring`.
     """
-    draw = _drawing(library, config, place, slots)
+    draw = _drawing(library, config, place, slots, chosen)
     return _moved(joined([draw(attempt, wanted) for attempt in attempts]), place[2] * slots)
 
 
@@ -134,13 +147,26 @@ def joined(broods: list[Brood]) -> Brood:
 
 
 def _drawing(
-    library: Designs, config: EvolutionConfig, place: tuple[int, int, int], slots: int
+    library: Designs, config: EvolutionConfig, place: tuple[int, int, int], slots: int, chosen: Designs | None
 ) -> Callable[[int, Slots], Brood]:
     """What draws some slots of a block for the n-th time."""
-    if config.method == "random" or len(library) == 0:
+    steered = chosen is not None and len(chosen) > 0
+    if config.method == "random" or (len(library) == 0 and not steered):
         return lambda attempt, rows: _random(config, (*place, attempt), slots, rows)
     weights = library["fitness"] if config.method != "niches" else parent_weights(library, config)
+    if chosen is not None and steered:
+        library, weights = _with_chosen(chosen, library, weights)
     return lambda attempt, rows: _bred(library, weights, config, (*place, attempt), slots, rows)
+
+
+def _with_chosen(
+    chosen: Designs, library: Designs, weights: npt.NDArray[np.float64]
+) -> tuple[Designs, npt.NDArray[np.float64]]:
+    """The chosen parents before those of the library, and the weights of all."""
+    total = float(np.cumsum(weights)[-1]) if len(weights) else 0.0  # a plain sum, in order
+    others = weights * ((1.0 - STEERED_SHARE) / total) if total > 0.0 else np.zeros(len(library))
+    ours = np.full(len(chosen), STEERED_SHARE / len(chosen))
+    return np.concatenate([chosen, library]), np.concatenate([ours, others])
 
 
 def _moved(brood: Brood, first: int) -> Brood:

@@ -24,7 +24,13 @@ _MOST_DIMENSIONS = 3.0
 
 
 def screened_offspring(
-    library: Designs, config: EvolutionConfig, island: int, generation: int, block: int, slots: int
+    library: Designs,
+    config: EvolutionConfig,
+    island: int,
+    generation: int,
+    block: int,
+    slots: int,
+    chosen: Designs | None = None,
 ) -> Generator[Candidates, Scores, tuple[Brood, Scores]]:
     """A block of offspring that are worth an evaluation and print in one piece, and their scores.
 
@@ -35,6 +41,7 @@ def screened_offspring(
         generation: number of the generation, from 1.
         block: number of the block within the generation.
         slots: slots in a block; those that find no candidate stay empty.
+        chosen: more parents, see `offspring`.
 
     Yields:
         Candidates; send back their scores.
@@ -43,7 +50,8 @@ def screened_offspring(
     wanted: Slots = np.arange(slots)
     found: list[tuple[Brood, Scores]] = []
     for again in range(max(1, config.niches.gap_attempts)):
-        brood = yield from _promising(library, config, (island, generation, block), slots, wanted, again, shapes)
+        place = (island, generation, block)
+        brood = yield from _promising(library, config, place, slots, wanted, again, shapes, chosen)
         if not config.niches.gap_attempts:
             return brood, (yield from evaluated(brood))
         scores = yield from evaluated(brood, "printable")
@@ -86,9 +94,10 @@ def _promising(
     wanted: Slots,
     again: int,
     shapes: DistinctSet | None,
+    parents: Designs | None = None,
 ) -> Generator[Candidates, Scores, Brood]:
     """For each wanted slot the first of its draws that nothing speaks against."""
-    brood = draws(library, config, place, slots, wanted, range(again * DRAWS, (again + 1) * DRAWS))
+    brood = draws(library, config, place, slots, wanted, range(again * DRAWS, (again + 1) * DRAWS), parents)
     good = brood.operators != Operator.COPY
     if config.foreseeable:
         foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen")

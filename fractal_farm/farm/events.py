@@ -99,6 +99,15 @@ class Migration:
 
 
 @dataclass(frozen=True)
+class Steered:
+    """From epoch `first` to `last` all islands breed from these designs, too: somebody has asked for it."""
+
+    first: int
+    last: int
+    design_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class MeshFinished:
     """A solid is in the catalogue, which now has `done` of the `wanted` ones, or `failure` says why not."""
 
@@ -133,6 +142,16 @@ class Continued:
 
 
 @dataclass(frozen=True)
+class MirrorChanged:
+    """The mirror of the catalogue, which is so many files behind, falls silent because of `cause`, or answers again."""
+
+    url: str
+    files: int
+    bytes: int
+    cause: str | None
+
+
+@dataclass(frozen=True)
 class Draining:
     """The run is asked to end: what is complete will be committed."""
 
@@ -157,10 +176,12 @@ Event = (
     | EpochCompleted
     | PartCommitted
     | Migration
+    | Steered
     | MeshFinished
     | Fault
     | Paused
     | Continued
+    | MirrorChanged
     | Draining
     | RunEnded
 )

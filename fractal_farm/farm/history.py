@@ -6,6 +6,7 @@ from another terminal or host, for live, ended, interrupted and damaged catalogu
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -25,7 +26,7 @@ from fractal_farm.catalogue.scan import empty_table, indices, one_of_each, place
 from fractal_farm.catalogue.schema import KINDS
 from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.config import RunConfig
-from fractal_farm.errors import FarmError
+from fractal_farm.errors import FarmError, InputError
 from fractal_farm.evolution.epoch import GenerationStatistics
 from fractal_farm.farm.event_log import log_path
 from fractal_farm.farm.events import Progress
@@ -110,7 +111,7 @@ class RunHistory:
     Attributes:
         root: the catalogue.
         run_id: id of the run.
-        config: what its last session works with; None if run.json is damaged.
+        config: what its last session works with; None if run.json is damaged, or another version wrote it.
         versions: of what it was begun with.
         ends: the records of its ends, oldest first.
         commits: what was committed, in order of epochs.
@@ -180,9 +181,12 @@ class RunHistory:
     def _read_documents(self) -> None:
         try:
             self.versions = read_run(self.root, self.run_id).get("versions", {})
-            self.config = RunConfig.from_dict(read_settings(self.root, self.run_id), f"{self.root}: run.json")
+            settings = read_settings(self.root, self.run_id)
         except FarmError as error:
             self.damage.append(str(error))
+        else:
+            with contextlib.suppress(InputError):  # of another version, with other fields
+                self.config = RunConfig.from_dict(settings)
         try:
             self.ends = run_ends(self.root, self.run_id)
         except FarmError as error:

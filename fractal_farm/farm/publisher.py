@@ -20,7 +20,7 @@ from fractal_farm.catalogue.parts import list_parts, read_commits
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import StorageFullError
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
-from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, sample_candidates
+from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, fitness_formula, sample_candidates
 from fractal_farm.fitness import shape_descriptor
 from fractal_farm.ifs.gap import gap
 from fractal_farm.ifs.genome import Genome
@@ -45,7 +45,14 @@ class Publisher:
         self._points = config.evolution.phenotype.points
         self._durability = config.catalogue.durability
         self._writer = RunWriter(
-            root, config.run_id, node, attempt, self._points, config.catalogue.clouds, self._durability
+            root,
+            config.run_id,
+            node,
+            attempt,
+            self._points,
+            config.catalogue.clouds,
+            self._durability,
+            fitness_formula(config.evolution).identity,
         )
 
     def warm(self) -> None:

@@ -29,12 +29,14 @@ class Ledger:
         progress: totals of the run after the last of these epochs.
         elapsed_s: seconds that all sessions had worked by then (not part of any result).
         set_aside: genomes of these epochs that nobody could evaluate: (island, epoch, genome and reason).
+        steered: steering requests that the run was bound to by then.
     """
 
     records: list[EpochRecord]
     progress: Progress
     elapsed_s: float
     set_aside: tuple[tuple[int, int, SetAside], ...] = ()
+    steered: int = 0
 
 
 def pack_ledger(ledger: Ledger) -> bytes:
@@ -43,6 +45,7 @@ def pack_ledger(ledger: Ledger) -> bytes:
         "progress": asdict(ledger.progress),
         "elapsed_s": ledger.elapsed_s,
         "set_aside": [[island, epoch, asdict(verdict)] for island, epoch, verdict in ledger.set_aside],
+        "steered": ledger.steered,
         "records": [
             {
                 "island": record.island,
@@ -84,7 +87,7 @@ def unpack_ledger(blob: bytes, dtype: np.dtype[Any]) -> Ledger:
             )
         )
     set_aside = tuple((island, epoch, _verdict(entry)) for island, epoch, entry in header.get("set_aside", ()))
-    return Ledger(records, Progress(**header["progress"]), header["elapsed_s"], set_aside)
+    return Ledger(records, Progress(**header["progress"]), header["elapsed_s"], set_aside, header.get("steered", 0))
 
 
 def _steps(indices: Designs) -> Designs:

@@ -10,23 +10,29 @@ import pyarrow.compute as pc
 from fractal_farm.catalogue import Catalogue, committed_records, committed_until, latest_snapshot
 from fractal_farm.catalogue.parts import read_commits, read_of_parts
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
+from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import LENGTH, DistinctSet, signatures
+from fractal_farm.errors import FarmError
 from fractal_farm.evolution.epoch import IslandState, founding_state, library_after
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.mesh_queue import MeshQueue
 from fractal_farm.farm.records import unpack_ledger, unpack_states
 from fractal_farm.farm.schedule import Schedule
+from fractal_farm.farm.steering import take_in
 from fractal_farm.farm.work import MeshOrder
 from fractal_farm.solid import SolidParameters
 
 
 def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
-    """Where a run stands, from its committed records alone.
+    """Where a run stands, from its committed records and its steering requests alone.
 
     Returns:
         The schedule after the last committed epoch, the totals up to it, and the seconds worked so far.
+
+    Raises:
+        FarmError: a part or a steering request is missing or damaged.
     """
     evolution = config.evolution
     empty = founding_state(evolution)
@@ -40,9 +46,11 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     start = states[0].epoch
     progress, elapsed_s = Progress(), 0.0
     outbox = []
+    steered = 0
     for (_, until), blob in committed_records(root, config.run_id, after=min(start, last - 1)):
         ledger = unpack_ledger(blob, dtype)
         progress, elapsed_s = ledger.progress, max(elapsed_s, ledger.elapsed_s)
+        steered = max(steered, ledger.steered)
         for record in ledger.records if until > start else ():
             before = states[record.island]
             if record.epoch == before.epoch + 1:
@@ -55,6 +63,13 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     for island, epoch, leaving in outbox:
         if epoch > last - lag:
             schedule.remember(island, epoch, leaving)
+    requests = steering_requests(root, config.run_id)
+    if len(requests) < steered:
+        raise FarmError(
+            f"{root}: run {config.run_id} was steered {steered} times, and {len(requests)} of its requests "
+            f"are there; restore runs/{config.run_id} from a copy"
+        )
+    take_in(schedule, requests, evolution)
     return schedule, progress, elapsed_s
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fractal_farm.catalogue.steering import bind_wishes
 from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import DistinctSet, signatures
 from fractal_farm.errors import FarmError
@@ -29,6 +30,7 @@ from fractal_farm.farm.events import (
     PartCommitted,
     Paused,
     Progress,
+    Steered,
 )
 from fractal_farm.farm.executor import (
     ClusterLostError,
@@ -38,6 +40,7 @@ from fractal_farm.farm.executor import (
     MeshDone,
     NoRoom,
     PartDone,
+    Trouble,
     WorkLost,
 )
 from fractal_farm.farm.limits import fraction_done, kept, patience_s, reached, totals_after
@@ -45,6 +48,7 @@ from fractal_farm.farm.mesh_queue import MeshQueue
 from fractal_farm.farm.records import Ledger, pack_ledger, pack_states
 from fractal_farm.farm.room import Room
 from fractal_farm.farm.schedule import Schedule
+from fractal_farm.farm.steering import take_in
 from fractal_farm.farm.work import MeshOrder, Part, SetAside
 from fractal_farm.ifs.genome import Genome
 from fractal_farm.solid import SolidParameters
@@ -165,10 +169,18 @@ class Run:
             self._hear()
 
     def _hear(self) -> None:
+        self._take_wishes()
         finished = self._executor.wait(_WAIT_SECONDS)
         for item in finished:
             self._take(item)
         self._check_moving(bool(finished))
+
+    def _take_wishes(self) -> None:
+        """What somebody wishes the run to breed from is bound to the first epoch that no island has begun."""
+        requests = bind_wishes(self._root, self._config.run_id, self._schedule.unbegun())
+        take_in(self._schedule, requests, self._config.evolution)
+        for request in requests:
+            self._announce(Steered(request.first, request.last, request.design_ids))
 
     @property
     def elapsed_s(self) -> float:
@@ -207,6 +219,8 @@ class Run:
             self._take_receipt(item)
         elif isinstance(item, NoRoom):
             self._wait_for_room(item)
+        elif isinstance(item, Trouble):
+            self._announce(Fault(item.where, item.cause, item.remedy))
         elif isinstance(item, MeshDone):
             self._room.accept()
             self._meshing -= 1
@@ -265,7 +279,8 @@ class Run:
         if last - self._snapshot_epoch >= SNAPSHOT_EPOCHS or self._ending is not None:
             snapshot = pack_states(group.states)
             self._snapshot_epoch = last
-        ledger = Ledger(group.records, group.progress, self.elapsed_s, tuple(group.set_aside))
+        steered = len(self._schedule.steering)
+        ledger = Ledger(group.records, group.progress, self.elapsed_s, tuple(group.set_aside), steered)
         part = Part(rows, kept(self._config, rows), pack_ledger(ledger), group.records[0].epoch, last, snapshot)
         self._in_flight = (part, group.progress)
         self._group = _Group(progress=group.progress)

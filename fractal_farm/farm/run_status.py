@@ -18,7 +18,9 @@ import numpy as np
 import pyarrow.compute as pc
 
 from fractal_farm.catalogue import Catalogue, run_is_live
+from fractal_farm.catalogue.mirror import read_state
 from fractal_farm.catalogue.scan import numbers
+from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.errors import FarmError
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.history import STATISTICS, Commit, RunHistory, Sample, standing_designs
@@ -87,7 +89,9 @@ class RunMonitor:
             moments are known), workers, executor, silent_s (since the last sign of life of a running farm);
             islands (island, epoch, best, mean_accepted, received by source and settled in the last epochs);
             waits: why the run waits at the moment, or None;
+            mirror: of the catalogue (url, files and bytes that it lacked at the time `at`, cause), or None;
             migration_epochs (first and last epoch that `received` covers);
+            steering (first, last, design_ids), one for each request that the run is bound to;
             failures (where, cause, remedy, count, last: seconds since 1970);
             files, bytes, whole_bytes (that the run will need at most, if that is known), free_bytes, min_free_bytes
             (the run waits below it);
@@ -108,7 +112,7 @@ class RunMonitor:
         usage = catalogue.usage()
         rows = standing_designs(history.rows(), ["n_maps", "gap"])
         started: dict[str, Any] = next((entry for entry in reversed(history.log) if entry["event"] == "RunStarted"), {})
-        stop = started.get("stop") or (history.config.stop.model_dump() if history.config else {})
+        stop = history.config.stop.model_dump() if history.config else started.get("stop") or {}
         samples = history.samples(_SAMPLES if live else 0)
         end = history.end()
         state, reason = _state(end, live)
@@ -137,8 +141,13 @@ class RunMonitor:
             "executor": started.get("executor"),
             "silent_s": now - _heard(history, now) if state == "running" else None,
             "waits": _waits(history.log) if state == "running" else None,
+            "mirror": read_state(self._path),
             "islands": islands,
             "migration_epochs": window,
+            "steering": [
+                {"first": request.first, "last": request.last, "design_ids": list(request.design_ids)}
+                for request in _readable(lambda: steering_requests(self._path, self._run_id), damage) or ()
+            ],
             "failures": failures(history.log),
             "files": usage.files,
             "bytes": usage.bytes,

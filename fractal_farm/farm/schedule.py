@@ -8,14 +8,25 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.epoch import EpochRecord, IslandState, library_after
+import numpy as np
+
+from fractal_farm.evolution.designs import Designs, without_repeats
+from fractal_farm.evolution.epoch import STEERED, EpochRecord, IslandState, library_after
 
 LEAD = 8
 
 
 class Schedule:
-    """Finished records, running work, and what may start next."""
+    """Finished records, running work, and what may start next.
+
+    Attributes:
+        sources: islands that each island receives from.
+        lag: epochs that migrants travel.
+        state: the latest state of every island.
+        complete: the last epoch that all islands have finished.
+        last_epoch: nothing is started beyond it, unless it is None.
+        steering: (first epoch, last epoch, designs to breed from), in the order of the requests.
+    """
 
     def __init__(self, sources: list[tuple[int, ...]], lag: int, state: dict[int, IslandState]) -> None:
         """Start from the state of each island after the same epoch.
@@ -30,6 +41,7 @@ class Schedule:
         self.state = dict(state)
         self.complete = min(entry.epoch for entry in state.values())
         self.last_epoch: int | None = None
+        self.steering: list[tuple[int, int, Designs]] = []
         self._running: set[int] = set()
         self._outbox: dict[tuple[int, int], Designs] = {}
         self._records: dict[int, dict[int, EpochRecord]] = defaultdict(dict)
@@ -38,6 +50,14 @@ class Schedule:
     def remember(self, island: int, epoch: int, leaving: Designs) -> None:
         """Enter the emigrants of an epoch that was committed by an earlier session."""
         self._outbox[island, epoch] = leaving
+
+    def steer(self, first: int, last: int, chosen: Designs) -> None:
+        """Let all islands breed from designs in some epochs, none of which has begun in this session."""
+        self.steering.append((first, last, chosen))
+
+    def unbegun(self) -> int:
+        """The first epoch that no island has begun."""
+        return 1 + max(state.epoch + (island in self._running) for island, state in self.state.items())
 
     def ready(self) -> list[tuple[int, int]]:
         """(island, epoch) pairs whose dependencies are met, oldest epoch first."""
@@ -53,9 +73,10 @@ class Schedule:
         return [(island, epoch) for epoch, island in sorted(found)]
 
     def start(self, island: int, epoch: int) -> list[tuple[int, Designs]]:
-        """Mark a pair as running; returns its inbox, in the order of the sources."""
+        """Mark a pair as running; returns its inbox, in the order of the sources, then what somebody chose."""
         self._running.add(island)
-        return [(source, self._outbox[source, epoch - self.lag]) for source in self._senders(island, epoch)]
+        inbox = [(source, self._outbox[source, epoch - self.lag]) for source in self._senders(island, epoch)]
+        return inbox + self._chosen(epoch)
 
     def finish(self, record: EpochRecord) -> list[tuple[list[EpochRecord], dict[int, IslandState]]]:
         """Take in a record.
@@ -95,6 +116,13 @@ class Schedule:
     def running(self) -> int:
         """Number of pairs that are running."""
         return len(self._running)
+
+    def _chosen(self, epoch: int) -> list[tuple[int, Designs]]:
+        chosen = [designs for first, last, designs in self.steering if first <= epoch <= last]
+        if not chosen:
+            return []
+        together = np.concatenate(chosen)
+        return [(STEERED, without_repeats(together, together[:0]))]
 
     def _senders(self, island: int, epoch: int) -> tuple[int, ...]:
         return self.sources[island] if epoch >= self.lag else ()

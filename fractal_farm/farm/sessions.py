@@ -6,18 +6,22 @@ import contextlib
 import os
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from fractal_farm import __version__
 from fractal_farm.catalogue import (
     Catalogue,
-    create_run,
+    begin_run,
+    is_unbegun,
+    read_run,
     record_end,
     remove_orphans,
     run_ids,
     run_lock,
+    what_is_there,
 )
 from fractal_farm.catalogue.compaction import compact
 from fractal_farm.catalogue.parts import list_parts
@@ -25,9 +29,10 @@ from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError, StorageFullError
 from fractal_farm.farm.event_log import EventLog
-from fractal_farm.farm.events import Announcer, Callback, Fault, RunEnded, RunStarted
+from fractal_farm.farm.events import Announcer, Callback, Fault, MirrorChanged, RunEnded, RunStarted
 from fractal_farm.farm.executor import ClusterLostError
 from fractal_farm.farm.interrupts import interrupts
+from fractal_farm.farm.mirroring import check_mirror, mirroring
 from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.report import write_report
 from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
@@ -51,6 +56,7 @@ class RunSummary:
         path: the catalogue.
         ended: why it ended, the totals, the content digest.
         sheet: the picture of the best designs, or None.
+        mirror: what the catalogue's mirror lacks, and why; None if there is no mirror.
     """
 
     run_id: str
@@ -58,6 +64,7 @@ class RunSummary:
     path: Path
     ended: RunEnded
     sheet: Path | None
+    mirror: MirrorChanged | None = None
 
     @property
     def exit_code(self) -> int:
@@ -65,9 +72,10 @@ class RunSummary:
         return INTERRUPTED if self.ended.interrupted else 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Ready for JSON: run_id, name, path, sheet, the fields of `RunEnded`, and `Progress` under "progress"."""
-        places = {"path": str(self.path), "sheet": str(self.sheet) if self.sheet else None}
-        return {"run_id": self.run_id, "name": self.name, **places, **asdict(self.ended)}
+        """Ready for JSON: run_id, name, path, sheet, mirror, the fields of `RunEnded`, `Progress` under "progress"."""
+        places = {"path": str(self.path), "sheet": self.sheet and str(self.sheet)}
+        about = {"run_id": self.run_id, "name": self.name, **places, "mirror": self.mirror and asdict(self.mirror)}
+        return about | asdict(self.ended)
 
 
 def submit(
@@ -83,7 +91,8 @@ def submit(
 
     Args:
         config: what to run.
-        out: directory of the catalogue; it must not exist, or be empty.
+        out: directory of the catalogue; it must not exist, be empty, or be what a submit left that was killed before
+            its run had begun.
         address: Ray cluster to work on; overrides the configuration.
         executor: "ray" or "serial"; overrides the configuration.
         into: add the run to an existing catalogue instead.
@@ -96,11 +105,10 @@ def submit(
     config = working_with(config, address, executor)
     _check_target(out, config, into)
     check_disk(config, out)
+    check_mirror(config, out, new=True)
     with workforce(config) as workers:
-        if not (into and out.exists()):
-            Catalogue.create(out)
         description = {"config": config.to_dict(), "versions": _versions()}
-        create_run(out, config.run_id, description, config.catalogue.durability)
+        begin_run(out, config.run_id, description, config.catalogue.durability, into=into)
         return _session(config, out, workers, callbacks)
 
 
@@ -131,6 +139,7 @@ def resume(
     """
     run_id = chosen_run(path, run)
     stored = read_settings(path, run_id)
+    _check_version(path, run_id, stored)
     config = RunConfig.from_dict(stored, f"{path}: run.json", overrides)
     if config.run_id != run_id:
         raise InputError(
@@ -141,10 +150,26 @@ def resume(
         raise InputError(f"--set catalogue.keep={config.catalogue.keep}: it is fixed when the run begins")
     config = working_with(config, address, executor)
     check_disk(config, path, Catalogue.open(path).usage().bytes)
+    check_mirror(config, path, new=False)
     with run_lock(path, run_id):
         pass  # a run that is at work is refused before anything is started for it
     with workforce(config) as workers:
         return _session(config, path, workers, callbacks)
+
+
+def _check_version(path: Path, run_id: str, stored: dict[str, Any]) -> None:
+    """Refuse to go on with what another version has grown: it would not be the same run."""
+    try:
+        reason = None if RunConfig.from_dict(stored).run_id == run_id else "its evolution has another identity here"
+    except InputError as error:
+        reason = str(error)
+    if reason is not None:
+        grown_by = read_run(path, run_id).get("versions", {}).get("fractal-farm", "unknown")
+        raise InputError(
+            f"{path}: run {run_id} was grown by another version of the farm ({grown_by}; this is {__version__}: "
+            f"{reason}) and cannot go on here; it can be listed, shown, meshed and verified as ever, and `farm submit` "
+            "of its configuration to another directory grows it anew"
+        )
 
 
 def working_with(config: RunConfig, address: str | None, executor: str | None) -> RunConfig:
@@ -174,12 +199,15 @@ def _session(config: RunConfig, root: Path, workers: Workforce, callbacks: Seque
         record_settings(root, run_id, config.to_dict(), config.catalogue.durability)
         log = EventLog(root, run_id)
         stack.callback(log.close)
-        announce = Announcer([log, *workers.callbacks, *callbacks])
+        hearers = [log, *workers.callbacks, *callbacks]
+        mirror = stack.enter_context(mirroring(config, root, Announcer(hearers)))
+        announce = Announcer([*hearers, *filter(None, [mirror])])
         interrupted = stack.enter_context(interrupts())
         losses, epochs = 0, -1
         while True:
             try:
-                return _stretch(config, root, workers, announce, interrupted)
+                summary = _stretch(config, root, workers, announce, interrupted)
+                return replace(summary, mirror=mirror.finish() if mirror else None)
             except ClusterLostError as lost:
                 where = f"go on from the last commit with `farm resume {root}`"
                 so_far = last_epoch(root, run_id)
@@ -259,13 +287,16 @@ def _stretch(
         run.meshes,
         run.mesh_failures,
     )
+    sheet = None
     try:
-        record_end(root, run_id, asdict(ended), config.catalogue.durability)
+        # The record of the end vouches for the picture; the report tells of the end.
         sheet = write_sheet(root, config)
+        record_end(root, run_id, asdict(ended), config.catalogue.durability)
         write_report(root, config)
     except StorageFullError as error:
-        announce(Fault("disk", str(error), "the run has ended, and its designs are safe"))
-        sheet = None
+        announce(
+            Fault("disk", str(error), "all designs are safe; `farm resume` makes picture and report when there is room")
+        )
     announce(ended)
     return RunSummary(run_id, config.name, root, ended, sheet)
 
@@ -279,7 +310,7 @@ def _tidy(config: RunConfig, root: Path) -> None:
 
 def _check_target(out: Path, config: RunConfig, into: bool) -> None:
     """Refuse before anything is started or written."""
-    if into and out.exists():
+    if into and out.exists() and not (out.is_dir() and is_unbegun(out)):
         Catalogue.open(out)
         if config.run_id in run_ids(out):
             raise InputError(f"{out}: run {config.run_id} is in this catalogue already; `farm resume {out}`")
@@ -291,10 +322,8 @@ def _check_target(out: Path, config: RunConfig, into: bool) -> None:
         raise InputError(f"{out}: {place} is a file; choose another --out")
     if not os.access(place, os.W_OK | os.X_OK):
         raise InputError(f"{out}: {place} is not writable; choose another --out")
-    if out.exists() and (held := run_ids(out)):
-        raise InputError(f"{out}: holds run {', '.join(held)}; choose another --out, or `farm resume {out}`")
-    if out.exists() and any(out.iterdir()):
-        raise InputError(f"{out}: is not empty; choose another --out")
+    if out.exists() and not is_unbegun(out):
+        raise InputError(f"{out}: {what_is_there(out)}")
 
 
 def _versions() -> dict[str, str]:

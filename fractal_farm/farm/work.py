@@ -97,12 +97,15 @@ class MeshOrder:
     formats: tuple[str, ...]
 
 
-def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scores:
-    """What was wanted of a block of genomes (compiled; releases the GIL)."""
+def evaluate_candidates(candidates: Candidates, config: EvolutionConfig, repeat: int = 0) -> Scores:
+    """What was wanted of a block of genomes (compiled; releases the GIL).
+
+    Scores come from the cloud of number 0, unless `repeat` asks for another one of the same genome.
+    """
     if candidates.wanted == "foreseen":
         return _foreseen(candidates, config)
     if candidates.wanted == "scores":
-        return _fitness(candidates, config)
+        return _fitness(candidates, config, repeat)
     from fractal_farm.ifs.gap import gap, gaps_within
 
     phenotype = config.phenotype.phenotype()
@@ -117,7 +120,7 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig) -> Scor
         return scores
     limit = config.niches.gap
     within = gaps_within(genomes, limit)
-    found = _fitness(Candidates(candidates.genes[within], candidates.n_maps[within]), config)
+    found = _fitness(Candidates(candidates.genes[within], candidates.n_maps[within]), config, repeat)
     scores.values[within] = found.values
     scores.refusals[within] = found.refusals
     scores.descriptors[within] = found.descriptors
@@ -130,14 +133,14 @@ def _foreseen(candidates: Candidates, config: EvolutionConfig) -> Scores:
     from fractal_farm.fitness import foresee
 
     least = config.niches.expected_fitness or 0.0
-    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), _formula(config), least)
+    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), fitness_formula(config), least)
     scores = Scores.unknown(len(found.d0))
     for name, column in (("d0", found.d0), ("d2", found.d2), ("fitness", found.fitness)):
         scores.values[:, SCORE_FIELDS.index(name)] = column
     return Scores(scores.values, found.refusal, found.descriptor)
 
 
-def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
+def _fitness(candidates: Candidates, config: EvolutionConfig, repeat: int) -> Scores:
     """Random iteration and fitness; the gap stays unknown."""
     from fractal_farm.fitness import evaluate_batch
 
@@ -146,7 +149,8 @@ def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
         candidates.n_maps,
         config.phenotype.phenotype(),
         config.phenotype.points,
-        _formula(config),
+        fitness_formula(config),
+        repeat=repeat,
         described_from=config.qualified,
     )
     gaps = np.full(len(result.fitness), np.nan)
@@ -154,7 +158,8 @@ def _fitness(candidates: Candidates, config: EvolutionConfig) -> Scores:
     return Scores(values, result.refusal, result.descriptor)
 
 
-def _formula(config: EvolutionConfig) -> FitnessFormula:
+def fitness_formula(config: EvolutionConfig) -> FitnessFormula:
+    """Eq 3.7 with the constants of a run."""
     from fractal_farm.fitness import FitnessFormula
 
     constants = config.fitness

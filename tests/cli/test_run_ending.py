@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from fractal_farm.catalogue import Catalogue, run_ids
@@ -92,12 +93,42 @@ def test_a_second_ctrl_c_ends_a_run_at_once_and_it_can_be_resumed(
     assert epochs_and_digest(directory, capsys)[0] == epochs
 
 
+SWALLOWED = """
+import os, signal, sys
+from fractal_farm.cli import main
+from fractal_farm.cli import progress
+display = progress.progress_display
+
+def at_a_bad_moment():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        pass  # as Python does with what is raised in a callback of the garbage collector
+    return display()
+
+progress.progress_display = at_a_bad_moment
+sys.exit(main())
+"""
+
+
+def test_ctrl_c_is_heard_even_where_python_cannot_raise_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    directory = tmp_path / "run"
+    command = [sys.executable, "-c", SWALLOWED, *submit_arguments(directory, *ENDLESS)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 130, done.stderr
+    assert f"farm resume {directory}" in done.stderr
+    assert main(["resume", str(directory), "--set", "stop.epochs=1"]) == 0
+    assert epochs_and_digest(directory, capsys)[0] == 1
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("delay_s", [1.0, 2.0, 3.0, 4.0])
+@pytest.mark.parametrize("delay_s", [0.5, 1.5, 2.5, 3.5])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_ray_starts_leaves_no_traceback(tmp_path: Path, delay_s: float, number: int) -> None:
     arguments = [word for word in submit_arguments(tmp_path / "run") if word not in ("--executor", "serial")]
     run = start(*arguments, *ENDLESS)
+    while sum(psutil.Process(run.pid).cpu_times()[:2]) < 0.5:
+        time.sleep(0.01)  # Python itself, and our own modules, are there now, however busy the machine is
     time.sleep(delay_s)
     if number == signal.SIGINT:
         os.killpg(run.pid, number)  # as a terminal does

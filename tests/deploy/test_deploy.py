@@ -6,11 +6,14 @@ import copy
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import jsonschema
 import pytest
@@ -21,6 +24,7 @@ from fractal_farm.cli import main
 from fractal_farm.config import RunConfig
 from tests.cli.conftest import SMALL
 from tests.deploy.schemas import KINDS
+from tests.s3 import ObjectStore
 
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
@@ -115,6 +119,19 @@ def test_compose_keeps_everything_on_loopback() -> None:
         assert source.exists() or source == ROOT / "runs"
 
 
+def test_the_run_of_compose_is_mirrored_to_its_object_store() -> None:
+    services = loaded(DEPLOY / "compose.yaml")["services"]
+    farm, store = services["farm"], services["s3"]
+    mirror, endpoint = urlsplit(farm["environment"]["FARM_MIRROR"]), urlsplit(farm["environment"]["AWS_ENDPOINT_URL"])
+    assert RunConfig.from_dict({"catalogue": {"mirror": mirror.geturl()}}).catalogue.mirror
+    assert services[endpoint.hostname] is store
+    assert store["command"][1] == str(Path(store["volumes"][0].split(":")[1]).parent)
+    assert mirror.hostname == Path(store["volumes"][0].split(":")[1]).name
+    assert "ports" not in store
+    for key in ("ACCESS_KEY_ID", "SECRET_ACCESS_KEY"):
+        assert farm["environment"][f"AWS_{key}"] == store["environment"][f"ROOT_{key}"]
+
+
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
 def test_a_script_is_sound(path: Path) -> None:
     shell = path.read_text().splitlines()[0].rpartition("/")[2]
@@ -138,7 +155,7 @@ def farm_commands() -> list[tuple[str, list[str]]]:
 
 
 SUBCOMMANDS = {
-    "farm": {"submit", "resume", "status", "stop", "jobs", "verify", "doctor", "report", "list"},
+    "farm": {"submit", "resume", "status", "stop", "jobs", "verify", "doctor", "report", "list", "mirror", "fetch"},
     "ray": {"start", "up", "down", "attach", "stop", "symmetric-run", "get-auth-token"},
 }
 
@@ -169,7 +186,7 @@ def test_every_command_and_option_that_is_named_exists() -> None:
 
 
 def test_every_setting_that_is_named_exists() -> None:
-    pattern = r"\b(?:execution|stop|solids|catalogue)\.\w+=[\w.]+"
+    pattern = r"\b(?:execution|stop|solids|catalogue)\.\w+=[\w.:/]+"
     named = [(path.name, override) for path in WRITTEN for override in re.findall(pattern, path.read_text())]
     assert named
     for name, override in named:
@@ -185,7 +202,9 @@ def test_files_that_are_named_exist() -> None:
         assert (ROOT / name).exists(), name
 
 
-def test_run_or_resume_begins_a_run_and_then_goes_on_with_it(tmp_path: Path) -> None:
+@pytest.fixture
+def run_or_resume(tmp_path: Path) -> Callable[[Path, int], None]:
+    """Calls run-or-resume for a small run, up to a number of epochs."""
     path = Path(sys.executable).parent
     shim = tmp_path / "bin"
     shim.mkdir()
@@ -194,12 +213,43 @@ def test_run_or_resume_begins_a_run_and_then_goes_on_with_it(tmp_path: Path) -> 
     )
     (shim / "farm").chmod(0o755)
     overrides = [word for override in SMALL for word in ("--set", override)]
-    out = tmp_path / "run"
-    for epochs in (1, 2):
+
+    def call(out: Path, epochs: int) -> None:
         words = [str(DEPLOY / "run-or-resume"), str(ROOT / "configs" / "quickstart.yaml"), str(out)]
         words += [*overrides, "--set", f"stop.epochs={epochs}", "--set", "solids.max=0", "--executor", "serial"]
         environment = os.environ | {"PATH": f"{shim}{os.pathsep}{os.environ['PATH']}"}
         done = subprocess.run(words, env=environment, capture_output=True, text=True, cwd=ROOT, check=False)
         assert done.returncode == 0, done.stderr
+
+    return call
+
+
+def test_run_or_resume_begins_a_run_and_then_goes_on_with_it(
+    tmp_path: Path, run_or_resume: Callable[[Path, int], None]
+) -> None:
+    out = tmp_path / "run"
+    for epochs in (1, 2):
+        run_or_resume(out, epochs)
     assert main(["status", str(out), "--json"]) == 0
     assert len(Catalogue.open(out).runs()) == 1
+
+
+@pytest.mark.slow
+def test_run_or_resume_goes_on_from_the_mirror_when_the_disk_is_lost(
+    tmp_path: Path,
+    run_or_resume: Callable[[Path, int], None],
+    object_store: ObjectStore,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    out = tmp_path / "run"
+    run_or_resume(out, 2)
+    digest = Catalogue.open(out).digest()
+    shutil.rmtree(out)
+    monkeypatch.setenv("FARM_MIRROR", object_store.url)
+    for epochs in (1, 2):
+        run_or_resume(out, epochs)
+        parts = list((out / "manifest/designs").iterdir())
+        found = Catalogue.open(out).digest()
+        shutil.rmtree(out)
+    assert len(parts) == 2
+    assert found == digest

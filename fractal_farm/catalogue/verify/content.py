@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.catalogue.formula import formula_of
-from fractal_farm.catalogue.layout import crc32c
+from fractal_farm.catalogue.formula import formula_by_hand, formula_of
+from fractal_farm.catalogue.layout import HAND, crc32c
+from fractal_farm.catalogue.parts import read_commits
 from fractal_farm.catalogue.rows import design_table, genome_of
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, ORDER_OF_BIRTH
 from fractal_farm.catalogue.shards import SHARD, decoded_slot
@@ -44,7 +45,10 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
     parents: dict[str, dict[str, str]] = {}
     births: dict[tuple[Any, ...], tuple[int, str]] = {}
     for part, rows in _blocks(contents):
-        yield from _block(contents, part, rows, formulas.get(part.run_id))
+        formula = formulas.get(part.run_id)
+        if part.run_id == HAND:
+            formula = formula_by_hand(read_commits(contents.root, part.name)[0].records)
+        yield from _block(contents, part, rows, formula)
         for row in rows:
             lineage.setdefault(part.run_id, set()).add(row["design_id"])
             for parent in row["parents"] or ():
@@ -55,6 +59,7 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
             if first != told:
                 problem = f"a row differs from its repetition in {where}"
                 yield Finding(part.key, "row", problem, _COPY, (row["design_id"],))
+    lineage[HAND] = set().union(*lineage.values())  # what people make may come of any run
     for run_id, children in parents.items():
         for parent, child in sorted(children.items()):
             if parent not in lineage[run_id]:
@@ -142,6 +147,13 @@ def _compared_numbers(
 ) -> Iterator[Finding]:
     if not rows:
         return
+    others = {commit.fitness for commit in part.commits} - {None, formula.identity if formula else None}
+    if others:
+        scored_by = ", ".join(sorted(map(str, others)))
+        ours = "a configuration that this version does not know" if formula is None else formula.identity
+        problem = f"scored by another version of the fitness ({scored_by}, here {ours}); scores not compared"
+        yield Finding(part.key, "row", problem, "verify with the version that scored it", damage=False)
+        formula = None
     again = recomputed(rows, genomes, formula)
     for name in dict.fromkeys(name for numbers in again for name in numbers):
         pairs = zip(rows, again, strict=True)

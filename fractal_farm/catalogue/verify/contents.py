@@ -133,6 +133,16 @@ def named_checksum(key: str) -> int | None:
     return int(found["checksum"], 16) if found else None
 
 
+def own_cloud_files(name: PartName, commits: Sequence[Commit]) -> dict[str, tuple[int, int]]:
+    """The files of a part that are clouds of its writer, as all should be: key -> (bytes, CRC32C)."""
+    return {
+        key: facts
+        for commit in commits
+        for key, facts in commit.files.items()
+        if _CLOUD_FILE.fullmatch(key) and key.split("/")[1] == name.writer
+    }
+
+
 def _live(root: Path, run_ids: list[str], held: frozenset[str]) -> frozenset[str]:
     live = set()
     for run_id in run_ids:
@@ -146,6 +156,8 @@ def _live(root: Path, run_ids: list[str], held: frozenset[str]) -> frozenset[str
 
 def _walk(contents: Contents) -> None:
     def unreadable(error: OSError) -> None:
+        if isinstance(error, FileNotFoundError):
+            return  # renamed or removed since its name was read, as a solid is when it is finished
         key = Path(error.filename).relative_to(contents.root).as_posix()
         problem = f"the directory cannot be read: {error.strerror}"
         contents.findings.append(Finding(key, "root", problem, "give yourself the right to read it"))
@@ -200,8 +212,9 @@ def _successor(root: Path, name: PartName) -> PartName | None:
 
 def _take_references(contents: Contents, part: Part) -> None:
     contents.parts.append(part)
+    own = own_cloud_files(part.name, part.commits)
     for key, facts in (item for commit in part.commits for item in commit.files.items()):
-        if _CLOUD_FILE.fullmatch(key) and key.split("/")[1] == part.name.writer:
+        if key in own:
             contents.part_of[key] = part
             contents.accepted.setdefault(key, set()).add(facts)
         else:

@@ -9,7 +9,19 @@ Level = Literal["quick", "full", "deep"]
 LEVELS: tuple[str, ...] = get_args(Level)
 
 Kind = Literal[
-    "root", "part", "epochs", "mending", "cloud", "run", "end", "snapshot", "solid", "picture", "row", "leftover"
+    "root",
+    "part",
+    "epochs",
+    "mending",
+    "cloud",
+    "run",
+    "end",
+    "judgement",
+    "snapshot",
+    "solid",
+    "picture",
+    "row",
+    "leftover",
 ]
 """What is wrong with what: it decides how it is mended."""
 

@@ -19,7 +19,8 @@ from pyarrow import ArrowException, BufferReader
 from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.durable import move_aside, put
 from fractal_farm.catalogue.fence import FENCE, take_over
-from fractal_farm.catalogue.layout import QUARANTINE, RUNS, part_name
+from fractal_farm.catalogue.judging import fill_gaps
+from fractal_farm.catalogue.layout import IDENTITY, QUARANTINE, RUNS, part_name
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import LOCK, run_lock
 from fractal_farm.catalogue.shards import root_documents
@@ -147,6 +148,7 @@ class _Bench:
                 "mending": self._named_document,
                 "end": self._named_document,
                 "run": self._run,
+                "judgement": self._judgement,
                 "cloud": self._cloud,
                 "snapshot": self._disposable,
                 "leftover": self._disposable,
@@ -192,7 +194,13 @@ class _Bench:
             if candidate is not None:
                 put(self._root / key, candidate)
                 return _BIT, False
-        return self._given_up(key, "the run cannot be resumed until it is restored from a copy")
+        what = "the catalogue" if key == IDENTITY else "the run"
+        verb = "mirrored" if key == IDENTITY else "resumed"
+        return self._given_up(key, f"{what} cannot be {verb} until it is restored from a copy")
+
+    def _judgement(self, _key: str) -> tuple[str, bool]:
+        fill_gaps(self._root)
+        return "what it told is lost; an empty one stands in its place", True
 
     def _cloud(self, key: str) -> tuple[str, bool]:
         if key not in self._contents.part_of:

@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.catalogue.clouds import CloudArrays
-from fractal_farm.catalogue.formula import formula_of
+from fractal_farm.catalogue.formula import formula_of_row
 from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.catalogue.reader import Catalogue
 from fractal_farm.catalogue.rows import genome_of
-from fractal_farm.catalogue.runs import read_run
 from fractal_farm.catalogue.verify.content import recomputed
 from fractal_farm.errors import FarmError
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
@@ -76,9 +75,7 @@ def reproduce(catalogue: Catalogue, design_id: str) -> Reproduction:
             f"design {row['design_id']}: grown by generator {row['generator_version']}, this is {GENERATOR_VERSION}; "
             "reproduce it with the version that grew it"
         )
-    formula = formula_of(read_run(catalogue.path, row["run_id"]))
-    if formula is None:
-        raise FarmError(f"{catalogue.path}: run.json of run {row['run_id']} has no constants of the fitness")
+    formula = formula_of_row(catalogue.path, row)
     quantities = _cloud(catalogue, row) if row["cloud_crc32c"] is not None else []
     for name, value in recomputed([row], [genome], formula)[0].items():
         same = np.array_equal(np.array(row[name], np.float64), np.array(value, np.float64), equal_nan=True)

@@ -11,7 +11,19 @@ from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.durable import PARTIAL, is_being_filled
 from fractal_farm.catalogue.fence import FENCE
 from fractal_farm.catalogue.fence import is_whole as is_whole_fence
-from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, MENDINGS, RUNS, SNAPSHOTS, SOLIDS, crc32c, part_name
+from fractal_farm.catalogue.judging import missing_numbers
+from fractal_farm.catalogue.layout import (
+    CLOUDS,
+    DESIGNS,
+    HAND,
+    IDENTITY,
+    MENDINGS,
+    RUNS,
+    SNAPSHOTS,
+    SOLIDS,
+    crc32c,
+    part_name,
+)
 from fractal_farm.catalogue.runs import LOCK, is_whole_lock
 from fractal_farm.catalogue.shards import ROOT, is_root_document, root_documents
 from fractal_farm.catalogue.solids import CHECKSUMS
@@ -22,6 +34,7 @@ SHEET = "catalogue.png"
 REPORT = "report.html"
 GROW = "`farm verify --repair` grows the clouds again from their genomes"
 _RESUME = "`farm resume` removes it, `farm verify --repair` moves it aside"
+_UNFINISHED = "a file that was never finished"
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")
 _SOLID = re.compile(rf"{SOLIDS}/[0-9a-f]{{32}}/[0-9A-Za-z_-]{{1,64}}")
 
@@ -30,6 +43,7 @@ def structure_findings(contents: Contents) -> Iterator[Finding]:
     """What names, sizes and small documents tell; fills in `contents.runs`."""
     yield from _roots(contents)
     yield from _runs(contents)
+    yield from _judgements(contents)
     yield from _epochs(contents)
     yield from _clouds(contents)
     yield from _solids(contents)
@@ -57,6 +71,11 @@ def _roots(contents: Contents) -> Iterator[Finding]:
         if isinstance(content, str) or not is_root_document(key, content):
             problem = content if isinstance(content, str) else "damaged: its checksum does not match"
             yield Finding(key, "root", problem, "`farm verify --repair` writes it again")
+    if IDENTITY in contents.sizes.keys() | contents.directories:
+        content = contents.read(IDENTITY)
+        if isinstance(content, str) or opened_document(content) is None:
+            problem = content if isinstance(content, str) else "damaged: its checksum does not match"
+            yield Finding(IDENTITY, "run", problem, "`farm verify --repair` mends it if it is one flipped bit")
 
 
 def _runs(contents: Contents) -> Iterator[Finding]:
@@ -70,7 +89,7 @@ def _runs(contents: Contents) -> Iterator[Finding]:
             continue
         content = contents.read(key)
         if isinstance(content, str):
-            if run_id in wanted or content != "missing":
+            if (run_id in wanted and run_id != HAND) or content != "missing":
                 remedy = "restore it from a copy; without it the run cannot be resumed"
                 yield Finding(key, "run", content, remedy)
             continue
@@ -92,6 +111,14 @@ def _runs(contents: Contents) -> Iterator[Finding]:
                 yield Finding(key, "leftover", problem, "`farm resume` or `farm verify --repair` writes it again")
 
 
+def _judgements(contents: Contents) -> Iterator[Finding]:
+    """Judgements are numbered without gaps."""
+    folder = f"{RUNS}/{HAND}/"
+    for number in missing_numbers([key.removeprefix(folder) for key in contents.sizes if key.startswith(folder)]):
+        remedy = "restore it from a copy; `farm verify --repair` closes the gap"
+        yield Finding(f"{folder}judgement~{number:08d}", "judgement", "missing", remedy)
+
+
 def _epochs(contents: Contents) -> Iterator[Finding]:
     """Epochs of a run that no sound part holds; what is committed last may also be missed by the end of the run."""
     spans: dict[str, list[tuple[int, int]]] = {}
@@ -104,7 +131,9 @@ def _epochs(contents: Contents) -> Iterator[Finding]:
             if first > reached:
                 gaps.append((reached, first - 1))
             reached = max(reached, last + 1)
-        ended = ended_after(contents, run_id) if description is not None else 0
+        # A live run may have committed, and ended, after its parts were listed.
+        settled = description is not None and run_id not in contents.live
+        ended = ended_after(contents, run_id) if settled else 0
         if ended > reached:
             gaps.append((reached, ended - 1))
         for first, last in gaps:
@@ -186,8 +215,10 @@ def _unknown(contents: Contents) -> Iterator[Finding]:
             owner = key.split("/")[1].partition("-")[0] if top == CLOUDS else run_id
             if top == RUNS:
                 owner = key.split("/")[1]
-            if owner not in contents.live:
-                yield Finding(key, "leftover", "a file that was never finished", _RESUME, damage=False)
+            if not folder and not contents.live:
+                yield Finding(key, "leftover", _UNFINISHED, "`farm verify --repair` moves it aside", damage=False)
+            elif folder and owner not in contents.live:
+                yield Finding(key, "leftover", _UNFINISHED, _RESUME, damage=False)
         elif top == CLOUDS and key != f"{CLOUDS}/{ROOT}" and key not in contents.accepted:
             owner = key.split("/")[1].partition("-")[0]
             if owner not in contents.live:

@@ -1,7 +1,7 @@
 """Islands as Ray actors, evaluations as Ray tasks, one writer and some mesh actors (DESIGN section 4).
 
-Actors hold state only as a cache: every call carries its epoch, and when an actor has died the run sends the state
-again. Island actors and the writer take no processor of their own; mesh actors run at low priority, so that
+Actors hold state only as a cache: every call carries its epoch, and when an actor has died a new one gets the state
+from the run. Island actors and the writer take no processor of their own; mesh actors run at low priority, so that
 evaluations go first.
 """
 
@@ -37,9 +37,11 @@ from fractal_farm.farm.executor import (
     MeshDone,
     NoRoom,
     PartDone,
+    Trouble,
     WorkLost,
 )
 from fractal_farm.farm.on_ray.session import Cluster
+from fractal_farm.farm.on_ray.wardens import Wardens
 from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
 from fractal_farm.farm.work import (
     Evaluate,
@@ -56,6 +58,8 @@ from fractal_farm.farm.work import (
 
 # What says that a process, a node or its memory is gone, and not that the work itself is at fault.
 _LOST = (RayActorError, WorkerCrashedError, OutOfMemoryError, NodeDiedError, ObjectLostError)
+_AGAIN = "it is killed, and its work done again"
+_SPILLED = "the results are the same; /tmp/ray needs room"
 _MESH_NICENESS = 10
 _MESH_WORKERS = 4
 _WARM_UP_SECONDS = 600.0
@@ -85,13 +89,11 @@ class Island:
         self._batch_size = batch_size
         self._state: IslandState | None = None
 
-    def advance(
-        self, epoch: int, inbox: Inbox, state: IslandState | None
-    ) -> tuple[EpochRecord, tuple[SetAside, ...]] | None:
-        """The record of an epoch; None when neither memory nor argument holds the state before it."""
+    def advance(self, epoch: int, inbox: Inbox, state: IslandState | None) -> tuple[EpochRecord, tuple[SetAside, ...]]:
+        """The record of an epoch, from the state before it, or from memory if that is None."""
         before = state if state is not None else self._state
-        if before is None or before.epoch != epoch - 1:
-            return None
+        assert before is not None
+        assert before.epoch == epoch - 1
         set_aside: list[SetAside] = []
 
         def scores_of(candidates: Candidates) -> Scores:
@@ -160,9 +162,9 @@ class Mesher:
 # Remote forms; Ray's decorators hide the types of what they wrap.
 _EVALUATE: Any = ray.remote(num_cpus=1, max_retries=0)(evaluate_batch)
 _TRIAL: Any = ray.remote(num_cpus=1, max_retries=-1)(trial)
-_ISLAND: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=0)(Island)
+_ISLAND: Any = ray.remote(num_cpus=0, max_restarts=0)(Island)
 _WRITER: Any = ray.remote(num_cpus=0, max_restarts=0)(Writer)
-_MESHER: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=2)(Mesher)
+_MESHER: Any = ray.remote(num_cpus=0, max_restarts=0)(Mesher)
 
 
 class RayExecutor:
@@ -189,6 +191,7 @@ class RayExecutor:
         self._writer: Any = None
         self._meshers: list[Any] = []
         self._pending: dict[Any, tuple[str, Any]] = {}
+        self._wardens = Wardens()
         # Kernels are compiled once and cached before many workers want them at the same time; the writer does its
         # own share meanwhile.
         with self._watched():
@@ -229,6 +232,8 @@ class RayExecutor:
     def wait(self, timeout_s: float) -> list[Finished]:
         """Whatever is ready, without regard to order."""
         with self._watched():
+            if troubles := self._troubles():
+                return troubles
             if not self._pending:
                 time.sleep(timeout_s)
                 return []
@@ -242,6 +247,7 @@ class RayExecutor:
         """Kill the actors; results in flight are not wanted any more."""
         self._pending.clear()
         if self._cluster.lost_now() is None:
+            self._wardens.close()
             for actor in [*self._islands.values(), *self._meshers, *([self._writer] if self._writer else [])]:
                 ray.kill(actor)
 
@@ -251,6 +257,7 @@ class RayExecutor:
             call = _EVALUATE.remote(self._evaluate, candidates, self._config)
             while not ray.wait([call], timeout=1.0)[0]:
                 self._check_cluster()
+                self._wardens.sightings()
                 if time.monotonic() > deadline:
                     raise FarmError(
                         f"{self._cluster.name()}: no worker has evaluated anything for {_WARM_UP_SECONDS:.0f} s; "
@@ -295,10 +302,7 @@ class RayExecutor:
             # When a whole cluster goes, its processes go one by one.
             if self._cluster.lost_now() is not None:
                 self._check_cluster()
-            if kind == "part" or getattr(error, "actor_id", None) == self._writer_id():
-                self._writer = None
-            if kind == "epoch":
-                self._memory.pop(what[0], None)
+            self._dismiss(error, kind, what)
             return WorkLost(what[0] if kind == "mesh" else what, type(error).__name__)
         except StorageFullError as error:
             return NoRoom(what[0] if kind == "mesh" else what, str(error))
@@ -308,14 +312,30 @@ class RayExecutor:
             seconds, failure = result
             return MeshDone(what[0], seconds, failure)
         island, epoch = what
-        if result is None:
-            self._memory.pop(island, None)
-            return WorkLost(what, "its actor was restarted without the library")
         self._memory[island] = epoch
         return EpochDone(*result)
 
-    def _writer_id(self) -> str | None:
-        return self._writer._actor_id.hex() if self._writer is not None else None
+    def _troubles(self) -> list[Finished]:
+        found: list[Finished] = []
+        for sighting in self._wardens.sightings():
+            found += [Trouble(f"worker {title}", "it stood still", _AGAIN) for title in sighting.killed]
+            if sighting.spilled:
+                found.append(Trouble("object store", "it was full, and Ray wrote objects to the disk", _SPILLED))
+        return found
+
+    def _dismiss(self, error: Exception, kind: str, what: Any) -> None:
+        """Forget the actor that was lost: what comes next gets a new one. It may live on, out of reach."""
+        lost = None
+        if kind == "epoch":
+            self._memory.pop(what[0], None)
+            lost = self._islands.pop(what[0], None)
+        elif kind == "part" or (self._writer and getattr(error, "actor_id", None) == self._writer._actor_id.hex()):
+            lost, self._writer = self._writer, None
+        elif what[1] in self._meshers:
+            lost = what[1]
+            self._meshers.remove(lost)
+        if lost is not None:
+            ray.kill(lost)
 
     @staticmethod
     def _result(call: Any) -> Any:

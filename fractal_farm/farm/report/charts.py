@@ -33,7 +33,8 @@ svg.wide { min-width: 640px; }
 .chart .curve { fill: none; stroke-width: 2; stroke-linejoin: round; stroke-linecap: round; }
 .chart .hit { fill: transparent; }
 .chart .hit:hover { fill: var(--line); fill-opacity: 0.6; }
-""" + "\n".join(f".chart .s{k} {{ stroke: var(--s{k}); }}" for k in range(1, 9))
+.chart .band { fill-opacity: 0.18; }
+""" + "\n".join(f".chart .s{k} {{ stroke: var(--s{k}); }} .chart .f{k} {{ fill: var(--s{k}); }}" for k in range(1, 9))
 
 
 @dataclass(frozen=True)
@@ -45,12 +46,14 @@ class Series:
         x: (n,) increasing.
         y: (n,) finite.
         colour: 1 to 8.
+        band: (2, n) lower and upper end of what is shaded around the line, or None.
     """
 
     name: str
     x: Numbers
     y: Numbers
     colour: int = 1
+    band: Numbers | None = None
 
 
 def line_chart(
@@ -84,7 +87,8 @@ def line_chart(
     x_low, x_high = min(float(line.x[0]) for line in series), max(float(line.x[-1]) for line in series)
     if x_high <= x_low:
         x_low, x_high = x_low - 0.5, x_high + 0.5
-    y_ticks = ticks(low, max(float(line.y.max()) for line in series) if high is None else high)
+    highest = max(float((line.y if line.band is None else line.band).max()) for line in series)
+    y_ticks = ticks(low, highest if high is None else high)
     top = y_ticks[-1] if high is None else high
 
     right, bottom = width - (_NAMES if len(series) > 1 else _RIGHT), _HEIGHT - _BOTTOM
@@ -112,11 +116,15 @@ def line_chart(
     for x, name in events:
         parts.append(_line("mark", across(x), _TOP, across(x), bottom))
         parts.append(_text(across(x) + 4, bottom - 6, name, "start"))
+
+    def path(x: Numbers, y: Numbers) -> str:
+        return " ".join(f"{across(a):.1f},{down(min(max(b, low), top)):.1f}" for a, b in zip(x, y, strict=True))
+
     for line in series:
-        points = " ".join(
-            f"{across(x):.1f},{down(min(max(y, low), top)):.1f}" for x, y in zip(line.x, line.y, strict=True)
-        )
-        parts.append(f'<polyline class="curve s{line.colour}" points="{points}"/>')
+        if line.band is not None:
+            around = path(np.append(line.x, line.x[::-1]), np.append(line.band[0], line.band[1, ::-1]))
+            parts.append(f'<polygon class="band f{line.colour}" points="{around}"/>')
+        parts.append(f'<polyline class="curve s{line.colour}" points="{path(line.x, line.y)}"/>')
         if len(line.x) == 1:
             x, y = across(float(line.x[0])), down(float(line.y[0]))
             parts.append(f'<circle class="curve s{line.colour}" cx="{x:.1f}" cy="{y:.1f}" r="3"/>')

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import time
 from collections import Counter
-from collections.abc import Iterable
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from fractal_farm.catalogue.documents import sealed_page
 from fractal_farm.catalogue.durable import put
 from fractal_farm.config import RunConfig
 from fractal_farm.farm.history import STATISTICS, RunHistory, standing_designs
-from fractal_farm.farm.report.charts import STYLE
 from fractal_farm.farm.report.curves import (
     fitness_chart,
     map_counts_chart,
@@ -30,37 +28,11 @@ from fractal_farm.farm.report.curves import (
     spread_chart,
     throughput_chart,
 )
+from fractal_farm.farm.report.document import document, section, table
 from fractal_farm.farm.run_status import failures, printable
 from fractal_farm.farm.stopping import chosen_run
 
 _COLUMNS = ("design_id", "kind", "fitness", "n_maps", "gap", "epoch", "generation", "descriptor")
-
-_PAGE_STYLE = """
-:root { color-scheme: light dark; --page: #f9f9f7; --card: #fcfcfb; --ink: #0b0b0b; --muted: #6b6a64; --line: #e4e3de;
-  --s1: #2a78d6; --s2: #1baf7a; --s3: #eda100; --s4: #008300;
-  --s5: #4a3aa7; --s6: #e34948; --s7: #e87ba4; --s8: #eb6834; }
-@media (prefers-color-scheme: dark) {
-  :root { --page: #0d0d0d; --card: #1a1a19; --ink: #f4f4f1; --muted: #a5a49b; --line: #33332f;
-    --s1: #3987e5; --s2: #199e70; --s3: #c98500; --s4: #008300;
-    --s5: #9085e9; --s6: #e66767; --s7: #d55181; --s8: #d95926; }
-}
-body { margin: 0; background: var(--page); color: var(--ink); font: 15px/1.5 system-ui, sans-serif; }
-main { max-width: 1100px; margin: 0 auto; padding: 24px 20px 48px; }
-h1 { font-size: 26px; margin: 0; } h2 { font-size: 16px; margin: 0 0 2px; }
-p { margin: 4px 0 10px; } .muted, figcaption { color: var(--muted); font-size: 13px; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(100px, 1fr)); gap: 12px; margin: 18px 0; }
-.tile, section { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 12px 14px; }
-.tile b { display: block; font-size: 19px; font-weight: 600; }
-.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(480px, 100%), 1fr)); gap: 16px; }
-.pair, section { margin-top: 16px; } .pair section { margin-top: 0; min-width: 0; }
-section { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; font-size: 14px; }
-th { text-align: left; color: var(--muted); font-weight: 500; }
-td, th { padding: 4px 12px 4px 0; border-bottom: 1px solid var(--line); vertical-align: top; }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-.scroll { overflow-x: auto; } pre { overflow-x: auto; font-size: 13px; margin: 8px 0 0; }
-img { max-width: 100%; border-radius: 6px; display: block; } code { overflow-wrap: anywhere; }
-"""
 
 
 def write_report(root: Path, config: RunConfig) -> Path:
@@ -88,30 +60,19 @@ def report_page(root: Path, run: str | None = None) -> str:
         _header(history, name),
         _damage(history),
         _tiles(history, designs),
-        _section("Fitness by generation", fitness_chart(history, rows), "section"),
+        section("Fitness by generation", fitness_chart(history, rows)),
         '<div class="pair">',
-        _section("Designs over time", qualified_chart(history)),
-        _section("Throughput", throughput_chart(history)),
-        _section("Maps of the designs", map_counts_chart(designs)),
-        _section("Spread of shapes", spread_chart(designs)),
+        section("Designs over time", qualified_chart(history)),
+        section("Throughput", throughput_chart(history)),
+        section("Maps of the designs", map_counts_chart(designs)),
+        section("Spread of shapes", spread_chart(designs)),
         "</div>",
-        _section("Faults", _faults(history)),
-        _section("Islands and migration", _islands(history)),
-        _section("The best designs", _sheet(root)),
-        _section("Configuration", _configuration(history)),
+        section("Faults", _faults(history)),
+        section("Islands and migration", _islands(history)),
+        section("The best designs", _sheet(root)),
+        section("Configuration", _configuration(history)),
     ]
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; "
-        'img-src data:">'
-        f"<title>{escape(name)}: report of a run</title><style>{_PAGE_STYLE}{STYLE}</style></head>"
-        f"<body><main>{''.join(body)}</main></body></html>\n"
-    )
-
-
-def _section(title: str, content: str, kind: str = "section") -> str:
-    return f"<{kind}><h2>{escape(title)}</h2>{content}</{kind}>"
+    return document(f"{name}: report of a run", "".join(body))
 
 
 def _header(history: RunHistory, name: str) -> str:
@@ -173,7 +134,7 @@ def _faults(history: RunHistory) -> str:
         (failure["count"], failure["where"], failure["cause"], failure["remedy"], _moment(failure["last"]))
         for failure in found
     ]
-    faults = _table(("number", "where", "cause", "what was done", "last"), rows) if rows else nothing("None.")
+    faults = table(("number", "where", "cause", "what was done", "last"), rows) if rows else nothing("None.")
     return faults + (note if refused else "")
 
 
@@ -197,7 +158,7 @@ def _islands(history: RunHistory) -> str:
         )
         for island, arrivals in sorted(received.items())
     ]
-    return _table(("island", "best", "mean of accepted", "received", "settled"), rows)
+    return table(("island", "best", "mean of accepted", "received", "settled"), rows)
 
 
 def _sheet(root: Path) -> str:
@@ -221,12 +182,6 @@ def _configuration(history: RunHistory) -> str:
         f"<details><summary>as of its last session</summary><pre>{escape(text)}</pre></details>"
         f'<p class="muted">{escape(versions)}</p>'
     )
-
-
-def _table(columns: Iterable[str], rows: Iterable[tuple[Any, ...]]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    return f'<div class="scroll"><table><tr>{head}</tr>{body}</table></div>'
 
 
 def _clock(seconds: float) -> str:
