@@ -7,7 +7,13 @@ from fractal_farm.catalogue.beginning import begin_run, is_unbegun, what_is_ther
 from fractal_farm.catalogue.clouds import DenseClouds
 from fractal_farm.catalogue.judging import Judgement, judge, judgements, with_judgements, withdraw
 from fractal_farm.catalogue.reader import Catalogue, Usage
-from fractal_farm.catalogue.records import committed_records, latest_snapshot, remove_orphans, write_snapshot
+from fractal_farm.catalogue.records import (
+    committed_records,
+    committed_until,
+    latest_snapshot,
+    remove_orphans,
+    write_snapshot,
+)
 from fractal_farm.catalogue.rows import design_table
 from fractal_farm.catalogue.runs import (
     RunInfo,
@@ -33,6 +39,7 @@ __all__ = [
     "Usage",
     "begin_run",
     "committed_records",
+    "committed_until",
     "create_run",
     "design_table",
     "is_unbegun",

@@ -12,12 +12,12 @@ import fcntl
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
-from fractal_farm.errors import FarmError, StorageFullError
+from fractal_farm.errors import FarmError, InputError, StorageFullError
 
 Durability = Literal["full", "process"]
 PARTIAL = ".partial"
@@ -104,6 +104,57 @@ def put_directory(path: Path, files: Mapping[str, bytes], durability: Durability
         if durability == "full":
             sync_directory(path.parent)
     return True
+
+
+@contextmanager
+def new_directory(path: Path, outside: Sequence[Path] = ()) -> Iterator[Path]:
+    """Fill a directory beside its place, whatever its size; it appears there, durably, when the block ends.
+
+    What a killed process left of an earlier attempt is removed first.
+
+    Args:
+        path: the directory.
+        outside: directories that it must not lie in.
+
+    Yields:
+        The directory to fill.
+
+    Raises:
+        InputError: the place is taken, or cannot be written to.
+        StorageFullError: no space left. Nothing stays behind.
+        FarmError: any other failure of the file system.
+    """
+    if path.exists():
+        raise InputError(f"{path}: exists already; name a new directory")
+    for other in outside:
+        if path.resolve().is_relative_to(other.resolve()):
+            raise InputError(f"{path}: lies in {other}; name a directory outside of it")
+    with _explained(path, 0):
+        make_directory(path.absolute().parent)
+        for left in path.parent.glob(f".{path.name}.*{PARTIAL}"):
+            remove_dead_directory(left)
+        partial = partial_name(path)
+        partial.mkdir()
+        try:
+            with locked(partial):
+                yield partial
+                _sync_tree(partial)
+                partial.rename(path)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+        sync_directory(path.absolute().parent)
+
+
+def _sync_tree(directory: Path) -> None:
+    for place, _, names in os.walk(directory):
+        for name in names:
+            descriptor = os.open(Path(place) / name, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+        sync_directory(Path(place))
 
 
 def make_directory(path: Path, durability: Durability = "full") -> None:

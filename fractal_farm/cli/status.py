@@ -159,7 +159,9 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         "migration": _migration(facts),
         "steering": _many(map(_steering, facts["steering"]), _STEERING_SHOWN),
         "failures": _many(map(_failure, facts["failures"]), _FAILURES_SHOWN) or "none",
-        "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files, {byte_count(facts['free_bytes'])} free"
+        "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files"
+        + (f" of {byte_count(facts['whole_bytes'])} at most" if facts["whole_bytes"] else "")
+        + f", {byte_count(facts['free_bytes'])} free"
         + ("" if facts["min_free_bytes"] is None else f"; the run waits below {byte_count(facts['min_free_bytes'])}"),
         "forecast": _forecast(facts["forecast"]),
         "mirror": f"{facts['mirror']['url']}: {_behind(facts['mirror'])}" if facts["mirror"] else None,

@@ -19,6 +19,8 @@ from fractal_farm.catalogue import (
     run_lock,
     what_is_there,
 )
+from fractal_farm.catalogue.compaction import compact
+from fractal_farm.catalogue.parts import list_parts
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError, StorageFullError
@@ -27,7 +29,7 @@ from fractal_farm.farm.events import Announcer, Callback, Fault, MirrorChanged, 
 from fractal_farm.farm.executor import ClusterLostError
 from fractal_farm.farm.interrupts import interrupts
 from fractal_farm.farm.mirroring import check_mirror, mirroring
-from fractal_farm.farm.preflight import check_disk
+from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.report import write_report
 from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
 from fractal_farm.farm.run import Run
@@ -37,6 +39,7 @@ from fractal_farm.farm.versions import check_version, versions
 from fractal_farm.farm.workforce import Workforce, workforce
 
 _LOSSES_WITHOUT_COMMIT = 5
+_PARTS = 64  # of a run that ends, at most, before they are merged
 INTERRUPTED = 130
 
 
@@ -223,6 +226,7 @@ def _stretch(
         schedule, progress, elapsed_s = restore(config, root)
         usage = Catalogue.open(root).usage()
         queue = mesh_queue(config, root)
+        need = disk_need(config, executor.workers)
         announce(
             RunStarted(
                 run_id,
@@ -236,6 +240,8 @@ def _stretch(
                 usage.bytes,
                 queue.started,
                 config.stop.model_dump(),
+                need.first_hour,
+                need.whole,
             )
         )
         run = Run(
@@ -253,6 +259,7 @@ def _stretch(
         )
         reason = run.evolve()
         run.mesh_the_rest()
+    _tidy(config, root)
     ended = RunEnded(
         reason,
         interrupted() is not None,
@@ -274,6 +281,13 @@ def _stretch(
         )
     announce(ended)
     return RunSummary(run_id, config.name, root, ended, sheet)
+
+
+def _tidy(config: RunConfig, root: Path) -> None:
+    """Merge small parts if there are many; without room on the disk they stay as they are."""
+    if len(list_parts(root, config.run_id)) > _PARTS:
+        with contextlib.suppress(StorageFullError):
+            compact(root, config.run_id, config.catalogue.durability)
 
 
 def _check_target(out: Path, config: RunConfig, into: bool) -> None:
