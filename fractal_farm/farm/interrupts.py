@@ -2,49 +2,44 @@
 
 Once it ends at once, further signals change nothing: the workers are being sent away. Before the run begins both end
 the command, by exceptions that Python raises wherever it is at the moment. Where nobody can catch them (in what is
-called at a fork, by an import, or for dead objects) Python prints them and goes on; `listening` keeps them for the run.
+called at a fork, by an import, or for dead objects) Python prints them and goes on; `listening` raises them again.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-_SIGINT = "interrupted"
-_SIGTERM = "asked to end (SIGTERM)"
-_early: list[str] = []
-"""Signals that were lost before there was a run."""
+_AGAIN_SECONDS = 0.1
 
 
 @contextlib.contextmanager
 def listening() -> Iterator[None]:
-    """From the start of a command to its end: remember what Python cannot raise."""
+    """From the start of a command to its end: a signal that Python cannot raise comes again a moment later."""
+    echoes: list[threading.Timer] = []
 
     def hear(lost: sys.UnraisableHookArgs) -> None:
-        if issubclass(lost.exc_type, KeyboardInterrupt | SystemExit):  # Ray's handler of SIGTERM raises the latter
-            _early.append(_SIGINT if lost.exc_type is KeyboardInterrupt else _SIGTERM)
-        else:
+        if not issubclass(lost.exc_type, KeyboardInterrupt | SystemExit):
             before(lost)
+            return
+        # Ray's handler of SIGTERM raises SystemExit.
+        number = signal.SIGINT if lost.exc_type is KeyboardInterrupt else signal.SIGTERM
+        echoes.append(threading.Timer(_AGAIN_SECONDS, os.kill, (os.getpid(), number)))
+        echoes[-1].daemon = True
+        echoes[-1].start()
 
     before, sys.unraisablehook = sys.unraisablehook, hear
     try:
         yield
     finally:
         sys.unraisablehook = before
-        _early.clear()
-
-
-def heed() -> None:
-    """Raise what was lost.
-
-    Raises:
-        KeyboardInterrupt: somebody has asked for the end.
-    """
-    if _early:
-        raise KeyboardInterrupt
+        for echo in echoes:
+            echo.cancel()
 
 
 @contextlib.contextmanager
@@ -54,10 +49,10 @@ def interrupts() -> Iterator[Callable[[], str | None]]:
     Yields:
         A function that says why the run should end, or None.
     """
-    reason = list(_early[:1])
+    reason: list[str] = []
 
     def handle(number: int, _frame: FrameType | None) -> None:
-        reason.append(_SIGINT if number == signal.SIGINT else _SIGTERM)
+        reason.append("interrupted" if number == signal.SIGINT else "asked to end (SIGTERM)")
         if len(reason) == 2:
             raise KeyboardInterrupt
 

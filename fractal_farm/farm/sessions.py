@@ -27,7 +27,7 @@ from fractal_farm.errors import FarmError, InputError, StorageFullError
 from fractal_farm.farm.event_log import EventLog
 from fractal_farm.farm.events import Announcer, Callback, Fault, MirrorChanged, RunEnded, RunStarted
 from fractal_farm.farm.executor import ClusterLostError
-from fractal_farm.farm.interrupts import heed, interrupts
+from fractal_farm.farm.interrupts import interrupts
 from fractal_farm.farm.mirroring import check_mirror, mirroring
 from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.report import write_report
@@ -104,7 +104,6 @@ def submit(
     check_disk(config, out)
     check_mirror(config, out, new=True)
     with workforce(config) as workers:
-        heed()
         description = {"config": config.to_dict(), "versions": versions()}
         begin_run(out, config.run_id, description, config.catalogue.durability, into=into)
         return _session(config, out, workers, callbacks)
