@@ -14,6 +14,7 @@ from __future__ import annotations
 import functools
 import importlib.resources
 import json
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,7 @@ DESCRIPTOR_LENGTH = 14
 LENGTH = 6
 DISTINCT = 1.0  # distance at and above which two designs are distinct
 _SLACK = 1.0 + 1e-9  # by which the tree looks farther than counts
+_FIRST_BLOCK, _BLOCK = 64, 4096  # signatures that are looked at together
 _FRESH = 256  # members that wait for a place in the tree, at most, or a quarter of those in it
 
 
@@ -124,6 +126,67 @@ class DistinctSet:
             for index, members in zip(np.flatnonzero(sound).tolist(), found, strict=True):
                 near[index] = list(map(int, members))
         return near
+
+
+def first_of_each_shape(marks: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which signatures are distinct from all earlier ones that are: what `DistinctSet.sift` says, by the million.
+
+    Args:
+        marks: (n, 6) float64, in the order that decides; one that is not a number is never distinct.
+
+    Returns:
+        (n,) bool.
+    """
+    from scipy.spatial import cKDTree
+
+    entered = np.zeros(len(marks), bool)
+    members = np.zeros(0, np.intp)  # of the tree
+    fresh = np.zeros(0, np.intp)  # members since it was planted
+    tree = None
+    start, size = 0, _FIRST_BLOCK
+    while start < len(marks):
+        block = np.arange(start, min(start + size, len(marks)))
+        start, size = start + size, min(2 * size, _BLOCK)
+        block = block[np.isfinite(marks[block]).all(axis=1)]
+        for known, planted in ((members, tree), (fresh, cKDTree(marks[fresh]) if len(fresh) else None)):
+            if planted is not None:
+                block = block[~_near_any(planted, marks[known], marks[block])]
+        chosen = block[_greedy(marks[block])]
+        entered[chosen] = True
+        fresh = np.concatenate([fresh, chosen])
+        if len(fresh) > max(_BLOCK, len(members) // 4):
+            members, fresh = np.concatenate([members, fresh]), np.zeros(0, np.intp)
+            tree = cKDTree(marks[members])
+    return entered
+
+
+def _near_any(tree: Any, members: FloatArray, marks: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which signatures are nearer than `DISTINCT` to a member; plain sums say where the tree's arithmetic may err."""
+    distance, _ = tree.query(marks, distance_upper_bound=DISTINCT * _SLACK, workers=-1)
+    near = distance < DISTINCT / _SLACK
+    for index in np.flatnonzero(~near & np.isfinite(distance)):
+        around = tree.query_ball_point(marks[index], DISTINCT * _SLACK)
+        near[index] = bool((squared_distances(marks[index], members[around]) < DISTINCT * DISTINCT).any())
+    return np.asarray(near, bool)
+
+
+def _greedy(marks: FloatArray) -> npt.NDArray[np.intp]:
+    """Indices of signatures that are distinct from the earlier ones chosen."""
+    from scipy.spatial import cKDTree
+
+    if not len(marks):
+        return np.zeros(0, np.intp)
+    pairs = cKDTree(marks).query_pairs(DISTINCT * _SLACK, output_type="ndarray")
+    squares = np.zeros(len(pairs))
+    for column in range(LENGTH):
+        difference = marks[pairs[:, 1], column] - marks[pairs[:, 0], column]
+        squares += difference * difference
+    pairs = pairs[squares < DISTINCT * DISTINCT]
+    stays = np.ones(len(marks), bool)
+    for earlier, later in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].tolist():
+        if stays[earlier]:
+            stays[later] = False
+    return np.flatnonzero(stays)
 
 
 def squared_distances(one: FloatArray, many: FloatArray) -> FloatArray:

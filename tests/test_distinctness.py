@@ -6,7 +6,14 @@ from scipy.spatial.transform import Rotation
 
 from fractal_farm.bench.discriminants import rates
 from fractal_farm.bench.genomes import random_genomes
-from fractal_farm.distinctness import DISTINCT, projection, signatures, squared_distances
+from fractal_farm.distinctness import (
+    DISTINCT,
+    DistinctSet,
+    first_of_each_shape,
+    projection,
+    signatures,
+    squared_distances,
+)
 from fractal_farm.errors import InputError
 from fractal_farm.fitness import evaluate, shape_descriptor
 from fractal_farm.fitness.dimensions import measured
@@ -58,3 +65,18 @@ def test_shapes_that_do_not_fit_are_refused():
         signatures(np.zeros((2, 13)), [1, 1], [1, 1])
     with pytest.raises(InputError, match="n values"):
         signatures(np.zeros((2, 14)), [1], [1, 1])
+
+
+@pytest.mark.parametrize("spread", [0.3, 2.0, 6.0])
+def test_by_the_million_says_what_one_after_the_other_says(spread):
+    generator = np.random.default_rng(int(10 * spread))
+    marks = generator.normal(0, spread, (9000, 6))
+    marks[7::100] = marks[::100]  # copies
+    marks[50] = np.nan
+    _, entered = DistinctSet(np.zeros((0, 6))).sift(marks)
+    assert first_of_each_shape(marks).tolist() == entered
+    assert 1 < sum(entered) < len(marks)
+
+
+def test_no_signature_has_no_shape():
+    assert first_of_each_shape(np.zeros((0, 6))).tolist() == []

@@ -3,10 +3,17 @@
 `RunWriter` commits designs, `Catalogue` reads them; `layout` draws the tree.
 """
 
+from fractal_farm.catalogue.beginning import begin_run, is_unbegun, what_is_there
 from fractal_farm.catalogue.clouds import DenseClouds
 from fractal_farm.catalogue.judging import Judgement, judge, judgements, with_judgements, withdraw
 from fractal_farm.catalogue.reader import Catalogue, Usage
-from fractal_farm.catalogue.records import committed_records, latest_snapshot, remove_orphans, write_snapshot
+from fractal_farm.catalogue.records import (
+    committed_records,
+    committed_until,
+    latest_snapshot,
+    remove_orphans,
+    write_snapshot,
+)
 from fractal_farm.catalogue.rows import design_table
 from fractal_farm.catalogue.runs import (
     RunInfo,
@@ -30,9 +37,12 @@ __all__ = [
     "RunWriter",
     "SolidInfo",
     "Usage",
+    "begin_run",
     "committed_records",
+    "committed_until",
     "create_run",
     "design_table",
+    "is_unbegun",
     "judge",
     "judgements",
     "latest_snapshot",
@@ -43,6 +53,7 @@ __all__ = [
     "run_ids",
     "run_is_live",
     "run_lock",
+    "what_is_there",
     "with_judgements",
     "withdraw",
     "write_snapshot",

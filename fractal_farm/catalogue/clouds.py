@@ -17,7 +17,6 @@ import pyarrow as pa
 from fractal_farm.catalogue.layout import CLOUDS, crc32c
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.errors import FarmError, InputError
-from fractal_farm.ifs.quantised_cloud import QuantisedCloud, dequantise, quantised_attractors
 
 CLOUD_COLUMNS = (
     *GENOME_COLUMNS,
@@ -114,6 +113,8 @@ class DenseClouds:
             for place, points in zip(places, quantised[back], strict=True):
                 out[place] = _checked_points(designs[place], points)
         if grown:
+            from fractal_farm.ifs.quantised_cloud import quantised_attractors
+
             clouds = quantised_attractors([genome_of(designs[place]) for place in grown], self.shape[1])
             for i, place in enumerate(grown):
                 out[place] = clouds[i].dequantise()
@@ -122,10 +123,11 @@ class DenseClouds:
 
 def _checked_points(design: dict[str, Any], points: npt.NDArray[np.uint16]) -> npt.NDArray[np.float64]:
     """The points of a stored cloud, after a look at their checksum."""
+    from fractal_farm.ifs.quantised_cloud import QuantisedCloud
+
     if crc32c(points.astype("<u2", copy=False).tobytes()) != design["cloud_crc32c"]:
         raise FarmError(
             f"design {design['design_id']}: row {design['cloud_row']} of {CLOUDS}/{design['writer']} is "
             "missing or damaged; `farm verify --repair` grows it again"
         )
-    cloud = QuantisedCloud(points, np.array(design["origin"], np.float32), np.float32(design["scale"]))
-    return dequantise(cloud.points, cloud.origin, cloud.scale)
+    return QuantisedCloud(points, np.array(design["origin"], np.float32), np.float32(design["scale"])).dequantise()

@@ -8,6 +8,7 @@ stay out.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -23,21 +24,20 @@ _INTEGERS = ("island", "epoch", "generation", "slot", "cloud_crc32c")
 _LISTS = ("genes", "maps", "probabilities", "parents")
 
 DIGEST_COLUMNS = (*_TEXTS, *_NUMBERS, *_INTEGERS, *_LISTS, "descriptor")
-_BLOCK = 1 << 15
+BLOCK = 1 << 15
+"""Rows that are looked at together."""
 _NOTHING = -1
 """Stands for an absent integer, and for the length of an absent list."""
 
 
-def content_digest(designs: Any) -> str:
+def content_digest(blocks: Iterable[Any]) -> str:
     """32 hex digits over a table of designs.
 
     Args:
-        designs: table with `DIGEST_COLUMNS`, design_ids all different, rows in any order.
+        blocks: the table in pieces: `DIGEST_COLUMNS`, design_ids all different, in their order.
     """
     digest = hashlib.blake2b(digest_size=16, person=b"farm-content-1")
-    ordered = designs.select(DIGEST_COLUMNS).sort_by("design_id").combine_chunks()
-    for start in range(0, ordered.num_rows, _BLOCK):
-        block = ordered.slice(start, _BLOCK).combine_chunks()
+    for block in blocks:
         columns = {name: _single(block.column(name)) for name in DIGEST_COLUMNS}
         pieces = [
             _fixed_width(columns),

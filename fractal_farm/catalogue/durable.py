@@ -12,12 +12,12 @@ import fcntl
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Literal
 
-from fractal_farm.errors import FarmError, StorageFullError
+from fractal_farm.errors import FarmError, InputError, StorageFullError
 
 Durability = Literal["full", "process"]
 PARTIAL = ".partial"
@@ -85,9 +85,8 @@ def put_directory(path: Path, files: Mapping[str, bytes], durability: Durability
     with _explained(path, sum(map(len, files.values()))):
         make_directory(path.parent, durability)
         partial = partial_name(path)
-        partial.mkdir()
         try:
-            with _locked(partial):
+            with _new_and_locked(partial):
                 for name, content in files.items():
                     _write_new(partial / name, content, durability)
                 if durability == "full":
@@ -105,6 +104,57 @@ def put_directory(path: Path, files: Mapping[str, bytes], durability: Durability
         if durability == "full":
             sync_directory(path.parent)
     return True
+
+
+@contextmanager
+def new_directory(path: Path, outside: Sequence[Path] = ()) -> Iterator[Path]:
+    """Fill a directory beside its place, whatever its size; it appears there, durably, when the block ends.
+
+    What a killed process left of an earlier attempt is removed first.
+
+    Args:
+        path: the directory.
+        outside: directories that it must not lie in.
+
+    Yields:
+        The directory to fill.
+
+    Raises:
+        InputError: the place is taken, or cannot be written to.
+        StorageFullError: no space left. Nothing stays behind.
+        FarmError: any other failure of the file system.
+    """
+    if path.exists():
+        raise InputError(f"{path}: exists already; name a new directory")
+    for other in outside:
+        if path.resolve().is_relative_to(other.resolve()):
+            raise InputError(f"{path}: lies in {other}; name a directory outside of it")
+    with _explained(path, 0):
+        make_directory(path.absolute().parent)
+        for left in path.parent.glob(f".{path.name}.*{PARTIAL}"):
+            remove_dead_directory(left)
+        partial = partial_name(path)
+        partial.mkdir()
+        try:
+            with locked(partial):
+                yield partial
+                _sync_tree(partial)
+                partial.rename(path)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+        sync_directory(path.absolute().parent)
+
+
+def _sync_tree(directory: Path) -> None:
+    for place, _, names in os.walk(directory):
+        for name in names:
+            descriptor = os.open(Path(place) / name, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+        sync_directory(Path(place))
 
 
 def make_directory(path: Path, durability: Durability = "full") -> None:
@@ -136,7 +186,7 @@ def partial_name(path: Path) -> Path:
 def remove_dead_directory(partial: Path) -> bool:
     """Remove a partial directory of `put_directory`, unless a live process is filling it; whether it did."""
     try:
-        with _locked(partial, blocking=False):
+        with locked(partial.parent), locked(partial, blocking=False):
             shutil.rmtree(partial)
     except (BlockingIOError, FileNotFoundError):
         return False
@@ -146,7 +196,7 @@ def remove_dead_directory(partial: Path) -> bool:
 def is_being_filled(partial: Path) -> bool:
     """Whether a live process fills a partial directory of `put_directory`, or has finished it by now."""
     try:
-        with _locked(partial, blocking=False):
+        with locked(partial.parent), locked(partial, blocking=False):
             return False
     except (BlockingIOError, FileNotFoundError):
         return True
@@ -165,6 +215,21 @@ def move_aside(path: Path, target: Path) -> None:
         sync_directory(path.parent)
 
 
+@contextmanager
+def locked(directory: Path, *, blocking: bool = True) -> Iterator[None]:
+    """Hold a directory's lock, which the kernel frees when its process dies.
+
+    Raises:
+        BlockingIOError: another one holds it, and `blocking` is False.
+    """
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if blocking else fcntl.LOCK_NB))
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def sync_directory(path: Path) -> None:
     """Make the names in a directory survive a power cut."""
     descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
@@ -174,22 +239,22 @@ def sync_directory(path: Path) -> None:
         os.close(descriptor)
 
 
+@contextmanager
+def _new_and_locked(directory: Path) -> Iterator[None]:
+    """Make a directory and hold its lock; who asks for it with its parent's lock in hand never sees one without."""
+    with ExitStack() as stack:
+        with locked(directory.parent):
+            directory.mkdir()
+            stack.enter_context(locked(directory))
+        yield
+
+
 def _write_new(path: Path, content: bytes, durability: Durability) -> None:
     with path.open("xb") as file:
         file.write(content)
         if durability == "full":
             file.flush()
             os.fsync(file.fileno())
-
-
-@contextmanager
-def _locked(directory: Path, *, blocking: bool = True) -> Iterator[None]:
-    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if blocking else fcntl.LOCK_NB))
-        yield
-    finally:
-        os.close(descriptor)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fractal_farm.catalogue.layout import HAND
-from fractal_farm.catalogue.parts import list_parts, read_footer, read_rows
+from fractal_farm.catalogue.parts import list_parts, read_commits, read_rows
 from fractal_farm.catalogue.runs import read_run
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError
@@ -28,7 +28,8 @@ def formula_of_row(root: Path, row: Mapping[str, Any]) -> FitnessFormula:
     else:
         for part in list_parts(root, HAND):
             if row["design_id"] in read_rows(root, part, ["design_id"])["design_id"].to_pylist():
-                return formula_by_hand(read_footer(root, part).records)
+                (commit,) = read_commits(root, part)
+                return formula_by_hand(commit.records)
     raise FarmError(f"{root}: run.json of run {row['run_id']} has no constants of the fitness")
 
 

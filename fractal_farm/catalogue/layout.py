@@ -2,9 +2,11 @@
 
     zarr.json                                   root group; attribute `fractal_farm` says format and features
     runs/<run_id>/                              run.json, lock, final~<n>~<crc32c>.json
+        steering~<n>~<crc32c>.json, wish~...    what somebody wants it to breed from, see `steering`
     runs/hand/                                  judgement~<n>~<crc32c>.json; no run, but what people do
     clouds/<writer>/{points,transform,design_id}/     Zarr v3 arrays, one chunk file of each a commit
     manifest/designs/<writer>~<seq>~<rows>~<crc32c>.parquet     one file = one commit
+    manifest/designs/<writer>~<seq>-<last>~<rows>~<crc32c of its end>~<crc32c>.parquet     commits merged into one file
     manifest/mendings/<hex>~<crc32c>.json       checksums of cloud files that a repair grew again with other bytes
     snapshots/<run_id>~<epoch>~<crc32c>.snapshot
     solids/<design_id>/<parameters hash>/       a finished solid, with solid.json
@@ -27,7 +29,7 @@ import google_crc32c
 from fractal_farm.errors import InputError
 
 FORMAT = "1.0"
-FEATURES: frozenset[str] = frozenset()
+FEATURES = frozenset({"merged-parts"})
 
 RUNS = "runs"
 HAND = "hand"
@@ -42,7 +44,10 @@ INDEX = "index"
 QUARANTINE = "quarantine"
 
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")
-_PART = re.compile(r"(?P<writer>[^~/]+)~(?P<seq>\d{8})~(?P<rows>\d{6})~(?P<checksum>[0-9a-f]{8})\.parquet")
+_PART = re.compile(
+    r"(?P<writer>[^~/]+)~(?P<seq>\d{8})(-(?P<last>\d{8}))?~(?P<rows>\d{6})"
+    r"(~(?P<end>[0-9a-f]{8}))?~(?P<checksum>[0-9a-f]{8})\.parquet"
+)
 
 
 class PartName(NamedTuple):
@@ -50,28 +55,45 @@ class PartName(NamedTuple):
 
     Attributes:
         writer: name of the writer.
-        seq: number of the commit, from 0, without gaps within a writer.
+        seq: number of its first commit, from 0, without gaps within a writer.
+        last: number of its last commit; that of the first unless commits were merged.
         rows: number of designs.
         checksum: CRC32C of the whole file.
+        end: CRC32C of the Parquet footer, by which parts of a merged file can be read and trusted; None of a commit.
     """
 
     writer: str
     seq: int
+    last: int
     rows: int
     checksum: int
+    end: int | None = None
+
+    @property
+    def is_merged(self) -> bool:
+        """Whether it holds several commits."""
+        return self.end is not None
 
     @property
     def file_name(self) -> str:
         """Name of the file in `DESIGNS`."""
-        return f"{self.writer}~{self.seq:08d}~{self.rows:06d}~{self.checksum:08x}.parquet"
+        if self.end is None:
+            return f"{self.writer}~{self.seq:08d}~{self.rows:06d}~{self.checksum:08x}.parquet"
+        return (
+            f"{self.writer}~{self.seq:08d}-{self.last:08d}~{self.rows:06d}~{self.end:08x}~{self.checksum:08x}.parquet"
+        )
 
 
 def part_name(file_name: str) -> PartName | None:
     """The parsed name of a manifest part, or None for any other file."""
     found = _PART.fullmatch(file_name)
-    if found is None:
+    if found is None or (found["last"] is None) != (found["end"] is None):
         return None
-    return PartName(found["writer"], int(found["seq"]), int(found["rows"]), int(found["checksum"], 16))
+    seq, rows, checksum = int(found["seq"]), int(found["rows"]), int(found["checksum"], 16)
+    if found["last"] is None:
+        return PartName(found["writer"], seq, seq, rows, checksum)
+    last, end = int(found["last"]), int(found["end"], 16)
+    return PartName(found["writer"], seq, last, rows, checksum, end) if last > seq else None
 
 
 def new_writer(run_id: str, node: str, attempt: int) -> str:

@@ -116,9 +116,10 @@ def _migration(facts: dict[int, Any], current: int, relative: int, direction: Di
 
 
 def _origin(parent: dict[str, Any], child: dict[str, Any]) -> int | None:
-    """The island that a parent came from; None if it was at home, as the seeds are on all islands."""
-    home: int = parent["island"]
-    return home if home != child["island"] and parent["operator"] != _SEED else None
+    """The island that a parent came from; None if it was at home, as the seeds are on all islands, or made by hand."""
+    home: int | None = parent["island"]
+    stayed = child["island"] in (home, None) or parent["operator"] == _SEED
+    return None if stayed else home
 
 
 def summary(found: Pedigree) -> dict[str, int]:

@@ -15,26 +15,23 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from fractal_farm.catalogue.clouds import CLOUD_COLUMNS, CloudArrays, DenseClouds
-from fractal_farm.catalogue.digest import DIGEST_COLUMNS, content_digest
+from fractal_farm.catalogue.digest import BLOCK, DIGEST_COLUMNS, content_digest
 from fractal_farm.catalogue.durable import put
 from fractal_farm.catalogue.layout import FEATURES, FORMAT, HAND, PartName, belongs_to
-from fractal_farm.catalogue.parts import list_parts, read_rows
+from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_of_parts
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
-from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH, PLANTED
+from fractal_farm.catalogue.scan import RANK, Places, Rows, first_of_each, indices
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.shards import ATTRIBUTE, ROOT, root_documents
 from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
-from fractal_farm.errors import FarmError, InputError
+from fractal_farm.errors import InputError
 from fractal_farm.ifs.genome import Genome
 
 _SHORTEST_PREFIX = 4
-_RANK = ("design_id", "kind", "operator", *ORDER_OF_BIRTH, "run_id", "created_us", "writer")
-"""Of rows with equal design_id the first in this order stands; a design comes before an ancestor, and what was bred
-before what was planted: the founder of one run is a child of another. Designs made by hand have no place of birth."""
+_PLACE = "place of the row"
 
 
 @dataclass(frozen=True)
@@ -62,9 +59,7 @@ class Catalogue:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._arrays = CloudArrays(path)
-        self._parts: list[PartName] = []
-        self._index: Any = None
-        self._ids = np.empty(0, "S32")
+        self._rows = Rows([])
 
     @classmethod
     def create(cls, path: str | os.PathLike[str]) -> Catalogue:
@@ -136,17 +131,58 @@ class Catalogue:
             InputError: an unknown column.
             FarmError: a manifest part is missing or damaged.
         """
-        wanted = list(DESIGN_SCHEMA.names if columns is None else columns)
-        if unknown := [name for name in wanted if name not in DESIGN_SCHEMA.names]:
-            raise InputError(f"no column {', '.join(unknown)}; the columns are {', '.join(DESIGN_SCHEMA.names)}")
-        parts = [part for part in list_parts(self.path, run_id) if by_hand or not belongs_to(part.writer, HAND)]
-        table = self._rows(parts, [*dict.fromkeys([*wanted, *_RANK, "fitness"])])
-        standing = _first_of_each(table)
-        if not ancestors:
-            standing = standing.filter(pc.equal(table.column("kind").take(standing), KINDS[0]))
-        keys = table.select(["fitness", "design_id"]).take(standing)
-        order = pc.sort_indices(keys, [("fitness", "descending"), ("design_id", "ascending")])
-        return table.select(wanted).take(standing.take(order))
+        wanted = _known(DESIGN_SCHEMA.names if columns is None else columns)
+
+        def read(parts: list[PartName]) -> Any:
+            rows = self._rows_of(parts if by_hand else _not_by_hand(parts))
+            return rows.read(wanted).take(indices(rows.best_first(rows.standing(ancestors=ancestors))))
+
+        return read_of_parts(self.path, run_id, read)
+
+    def select(
+        self,
+        columns: Sequence[str],
+        where: Any = None,
+        names: Sequence[str] = (),
+        order: tuple[str, bool] = ("fitness", True),
+        limit: int | None = None,
+        *,
+        ancestors: bool = False,
+    ) -> tuple[Any, int]:
+        """Some of the designs, sorted; nothing is read but what the question needs.
+
+        Args:
+            columns: names of `schema.DESIGN_SCHEMA`.
+            where: pyarrow expression that is true of the wanted designs; all if None.
+            names: columns that the expression refers to.
+            order: column to sort by, and whether the largest come first; of equal ones the smallest design_id.
+            limit: only the first so many.
+            ancestors: also parents of designs that were not kept themselves.
+
+        Returns:
+            The table, and how many designs the expression is true of.
+
+        Raises:
+            InputError: an unknown column.
+            FarmError: a manifest part is missing or damaged.
+            pyarrow.ArrowException: an expression or a column to sort by that does not fit its types.
+        """
+        wanted = _known(columns)
+
+        def read(parts: list[PartName]) -> tuple[Any, int]:
+            rows, places = self._selected(parts, where, _known([*names, order[0]]), ancestors=ancestors)
+            return rows.take(wanted, rows.first(places, *order, limit)), len(places)
+
+        return read_of_parts(self.path, None, read)
+
+    def selection(self, where: Any = None, names: Sequence[str] = ()) -> tuple[Rows, Places]:
+        """The manifest's rows, and the numbers of those that an expression is true of, best first; see `select`."""
+
+        def read(parts: list[PartName]) -> tuple[Rows, Places]:
+            rows, places = self._selected(parts, where, _known([*names, "fitness"]))
+            return rows, rows.best_first(places)
+
+        return read_of_parts(self.path, None, read)
 
     def design(self, design_id: str) -> dict[str, Any]:
         """One row of the manifest: column -> value.
@@ -193,6 +229,8 @@ class Catalogue:
             InputError: the clouds differ in their number of points.
             FarmError: a manifest part is missing or damaged.
         """
+        if run_id is None and limit is not None:
+            return DenseClouds(self._arrays, self.select(CLOUD_COLUMNS, limit=limit)[0])
         return DenseClouds(self._arrays, self.designs(CLOUD_COLUMNS, run_id).slice(0, limit))
 
     def digest(self, run_id: str | None = None) -> str:
@@ -200,7 +238,16 @@ class Catalogue:
 
         Ancestors count; what people did by hand does not.
         """
-        return content_digest(self.designs(DIGEST_COLUMNS, run_id, ancestors=True, by_hand=False))
+
+        def read(parts: list[PartName]) -> str:
+            rows = self._rows_of(_not_by_hand(parts))
+            rows.read(DIGEST_COLUMNS)
+            places = rows.first(rows.standing(ancestors=True), "design_id", descending=False)
+            return content_digest(
+                rows.take(DIGEST_COLUMNS, places[start : start + BLOCK]) for start in range(0, len(places), BLOCK)
+            )
+
+        return read_of_parts(self.path, run_id, read)
 
     def runs(self) -> list[RunInfo]:
         """The runs of this catalogue, in order of their ids."""
@@ -218,9 +265,9 @@ class Catalogue:
                 files += 1
         return Usage(files, size, sum(part.rows for part in list_parts(self.path)))
 
-    def solids(self) -> list[SolidInfo]:
-        """The finished solids, in order of design and parameters."""
-        return list(list_solids(self.path))
+    def solids(self, design_id: str | None = None) -> list[SolidInfo]:
+        """The finished solids, in order of design and parameters; only those of one design if it is given."""
+        return list(list_solids(self.path, design_id))
 
     def add_solid(self, design_id: str, parameters_hash: str, files: Mapping[str, bytes]) -> bool:
         """Store a solid; all of its files appear at once.
@@ -240,56 +287,69 @@ class Catalogue:
         """
         return add_solid(self.path, design_id, parameters_hash, files)
 
-    def _rows(self, parts: Sequence[PartName], columns: Sequence[str]) -> Any:
-        empty = pa.schema([DESIGN_SCHEMA.field(name) for name in columns]).empty_table()
-        tables = [read_rows(self.path, part, columns) for part in parts if part.rows]
-        return pa.concat_tables([empty, *tables]).combine_chunks()
-
     def _row(self, design_id: str, columns: Sequence[str]) -> Any:
         """The one-row table of a design."""
         prefix = design_id.lower()
         if len(prefix) < _SHORTEST_PREFIX or set(prefix) - set("0123456789abcdef"):
             raise InputError(f"design {design_id!r}: give at least {_SHORTEST_PREFIX} hex digits of its id")
-        low, high = self._matches(prefix)
-        if low == high:
-            self._refresh()
-            low, high = self._matches(prefix)
-        if low == high:
+        found = self._found(prefix, columns) or read_of_parts(
+            self.path, None, lambda parts: self._found(prefix, columns, parts)
+        )
+        if found is None:
             raise InputError(f"{self.path}: no design {design_id}; `farm list` shows the designs")
-        if high - low > 1:
-            shown = ", ".join(found.decode() for found in self._ids[low : min(high, low + 4)])
-            raise InputError(f"{self.path}: {high - low} designs begin with {design_id}: {shown} ...; give more digits")
-        place = self._index.slice(low, 1).to_pylist()[0]
-        return read_rows(self.path, self._parts[place["part"]], columns).slice(place["row"], 1)
+        return found
 
-    def _matches(self, prefix: str) -> tuple[int, int]:
-        """Range of the sorted ids that begin with a prefix; 'g' follows all hex digits."""
-        low, high = np.searchsorted(self._ids, [prefix.encode(), prefix.encode() + b"g"])
-        return int(low), int(high)
+    def _selected(
+        self, parts: list[PartName], where: Any, keys: Sequence[str], *, ancestors: bool = False
+    ) -> tuple[Rows, Places]:
+        rows = self._rows_of(parts)
+        rows.read(["design_id", "kind", *keys])
+        places = rows.standing(ancestors=ancestors)
+        if where is not None:
+            table = rows.read(keys).append_column(_PLACE, indices(np.arange(len(rows)))).take(indices(places))
+            places = table.filter(where).column(_PLACE).to_numpy()
+        return rows, places
 
-    def _refresh(self) -> None:
-        """List the manifest anew: sorted ids, and where each row lies."""
-        self._parts = [part for part in list_parts(self.path) if part.rows]
-        table = self._rows(self._parts, _RANK)
-        sizes = [part.rows for part in self._parts]
-        if sum(sizes) != table.num_rows:
-            raise FarmError(f"{self.path}: a manifest part has other than the rows that its name says")
-        table = table.append_column("part", pa.array(np.repeat(np.arange(len(sizes)), sizes)))
-        row = np.concatenate([np.arange(size) for size in sizes]) if sizes else np.empty(0, np.int64)
-        table = table.append_column("row", pa.array(row)).take(_first_of_each(table))
-        self._index = table.select(["part", "row"])
-        self._ids = np.array(table.column("design_id").to_pylist(), "S32")
+    def _rows_of(self, parts: list[PartName]) -> Rows:
+        return Rows([(self.path, part) for part in parts])
+
+    def _found(self, prefix: str, columns: Sequence[str], parts: list[PartName] | None = None) -> Any:
+        """The row of the only design whose id begins with a prefix; None if there is none.
+
+        Args:
+            prefix: hex digits.
+            columns: columns of the row.
+            parts: where to look; where the last look was if None.
+        """
+        if parts is not None:
+            self._rows = self._rows_of(parts)
+        try:
+            places = self._rows.beginning_with(prefix)
+            if not len(places):
+                return None
+            ranked = self._rows.take(RANK, places)
+            places = places[first_of_each(ranked)]
+            if len(places) > 1:
+                ids = self._rows.take(["design_id"], places[:4]).column(0).to_pylist()
+                raise InputError(
+                    f"{self.path}: {len(places)} designs begin with {prefix}: {', '.join(ids)} ...; give more digits"
+                )
+            return self._rows.take(columns, places)
+        except PartGoneError:
+            if parts is not None:
+                raise
+            return None
 
 
-def _first_of_each(table: Any) -> Any:
-    """Indices of the rows that stand, one for each design_id, in order of design_id."""
-    planted = pc.equal(table.column("operator"), PLANTED)
-    table = table.set_column(table.column_names.index("operator"), "operator", planted)
-    order = pc.sort_indices(table, [(name, "descending" if name == "kind" else "ascending") for name in _RANK])
-    ids = np.array(table.column("design_id").to_pylist(), "S32")[order.to_numpy()]
-    first = np.ones(len(ids), bool)
-    first[1:] = ids[1:] != ids[:-1]
-    return order.filter(pa.array(first))
+def _known(columns: Sequence[str]) -> list[str]:
+    """The columns, each once, if all of them exist."""
+    if unknown := [name for name in columns if name not in DESIGN_SCHEMA.names]:
+        raise InputError(f"no column {', '.join(unknown)}; the columns are {', '.join(DESIGN_SCHEMA.names)}")
+    return list(dict.fromkeys(columns))
+
+
+def _not_by_hand(parts: Sequence[PartName]) -> list[PartName]:
+    return [part for part in parts if not belongs_to(part.writer, HAND)]
 
 
 def _version(text: str) -> tuple[int, int]:

@@ -17,11 +17,12 @@ from fractal_farm.catalogue.layout import (
     DESIGNS,
     SNAPSHOTS,
     SOLIDS,
+    PartName,
     checked_run_id,
     crc32c,
     run_directory,
 )
-from fractal_farm.catalogue.parts import list_parts, read_footer
+from fractal_farm.catalogue.parts import Commit, list_parts, read_commits, read_of_parts, replaced_parts
 
 _SNAPSHOT = re.compile(r"(?P<run_id>[0-9a-z]+)~(?P<epoch>\d{8})~(?P<checksum>[0-9a-f]{8})\.snapshot")
 _SNAPSHOTS_KEPT = 3
@@ -44,21 +45,48 @@ def committed_records(root: Path, run_id: str, after: int | None = None) -> Iter
     Raises:
         FarmError: a part is missing or damaged.
     """
-    spans = []
-    for part in list_parts(root, run_id):
-        footer = read_footer(root, part)
-        spans.append((footer.epochs, part.seq, part.writer, crc32c(footer.records), part))
+    yield from read_of_parts(root, run_id, lambda parts: _records(root, _without_gap(root, parts), after))
+
+
+def committed_until(root: Path, run_id: str) -> int:
+    """The last epoch of `committed_records`; -1 if there is none."""
+    chain = read_of_parts(root, run_id, lambda parts: _without_gap(root, parts))
+    return chain[-1][1].epochs[1] if chain else -1
+
+
+def _without_gap(root: Path, parts: list[PartName]) -> list[tuple[PartName, Commit]]:
+    """The commits that follow on each other, without their records, and the parts that hold them."""
+    found = [(part, commit) for part in parts for commit in read_commits(root, part, records=False)]
+    chain: list[tuple[PartName, Commit]] = []
     seen = set()
     reached: tuple[int, int] = (-1, -1)
-    for epochs, _, _, checksum, part in sorted(spans):
+    for part, commit in sorted(found, key=lambda item: (item[1].epochs, item[1].seq, item[0].writer)):
+        epochs = commit.epochs
         if epochs[0] > reached[1] + 1:
-            return
+            break
         if epochs[1] < reached[1] or (epochs[1] == reached[1] and epochs != reached):
             continue  # committed before a part was lost, and again with those after it
         reached = epochs
-        if (epochs, checksum) not in seen and (after is None or epochs[1] > after):
-            seen.add((epochs, checksum))
-            yield epochs, read_footer(root, part).records
+        if (epochs, commit.checksum) not in seen:
+            seen.add((epochs, commit.checksum))
+            chain.append((part, commit))
+    return chain
+
+
+def _records(
+    root: Path, chain: list[tuple[PartName, Commit]], after: int | None
+) -> list[tuple[tuple[int, int], bytes]]:
+    """Epochs and records of the commits of a chain whose last epoch is above `after`."""
+    wanted = [(part, commit) for part, commit in chain if after is None or commit.epochs[1] > after]
+    numbers: dict[PartName, set[int]] = {}
+    for part, commit in wanted:
+        numbers.setdefault(part, set()).add(commit.seq)
+    blobs = {
+        (part, commit.seq): commit.records
+        for part, chosen in numbers.items()
+        for commit in read_commits(root, part, records=chosen)
+    }
+    return [(commit.epochs, blobs[part, commit.seq]) for part, commit in wanted]
 
 
 def remove_orphans(root: Path, run_id: str) -> int:
@@ -69,14 +97,15 @@ def remove_orphans(root: Path, run_id: str) -> int:
         run_id: id of the run. Files of other runs stay.
 
     Returns:
-        Number of files removed: partial files, and cloud files that no part refers to.
+        Number of files removed: partial files, cloud files that no part refers to, parts that were merged.
 
     Raises:
         FarmError: a part of the run is missing or damaged; then nothing is removed.
     """
     if (root / DESIGNS).is_dir():
         sync_directory(root / DESIGNS)  # what is relied on from here on must not vanish in a power cut
-    referenced = {key for part in list_parts(root, run_id) for key in read_footer(root, part).files}
+    commits = (commit for part in list_parts(root, run_id) for commit in read_commits(root, part, records=False))
+    referenced = {key for commit in commits for key in commit.files}
     removed = 0
     for writer in (root / CLOUDS).glob(f"{run_id}-*"):
         files = [path for path in writer.rglob("*") if path.is_file()]
@@ -88,6 +117,7 @@ def remove_orphans(root: Path, run_id: str) -> int:
         for path in orphans:
             path.unlink()
     partials = [
+        *(root / DESIGNS / part.file_name for part in replaced_parts(root, run_id)),
         *(root / DESIGNS).glob(f".{run_id}-*{PARTIAL}"),
         *(root / SNAPSHOTS).glob(f".{run_id}~*{PARTIAL}"),
         *run_directory(root, run_id).glob(f".*{PARTIAL}"),

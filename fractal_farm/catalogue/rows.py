@@ -1,4 +1,7 @@
-"""From genomes and their scores to the table that a commit takes, and from a row back to its genome."""
+"""From genomes and their scores to the table that a commit takes, and from a row back to its genome.
+
+Compiled code is imported where it is needed: most of those who read a catalogue do without.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,6 @@ import pyarrow as pa
 from fractal_farm.catalogue.schema import GIVEN_SCHEMA, KINDS
 from fractal_farm.errors import FarmError
 from fractal_farm.ifs.genome import ROW_LENGTH, Genome, Phenotype
-from fractal_farm.ifs.maps import resolved_maps, selection_probabilities
-from fractal_farm.ifs.random_iteration import GENERATOR_VERSION
 
 
 def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] | npt.NDArray[Any]]) -> Any:
@@ -28,6 +29,9 @@ def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] 
     Raises:
         FarmError: an unknown column, or one with other than m values.
     """
+    from fractal_farm.ifs.maps import resolved_maps, selection_probabilities
+    from fractal_farm.ifs.random_iteration import GENERATOR_VERSION
+
     probabilities = [selection_probabilities(genome) for genome in genomes]
     phenotypes = [genome.phenotype for genome in genomes]
     known: dict[str, Any] = {

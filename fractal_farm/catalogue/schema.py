@@ -78,10 +78,11 @@ DESIGN = (
     Column("parents", pa.list_(pa.field("element", _TEXT)), "", "design_ids of the parents"),
     Column("operator", _TEXT, "", "how the design was made from its parents"),
     Column("generator_version", _TEXT, "", "version of the random iteration that grew the cloud"),
+    Column("distinct", pa.bool_(), "", "whether its shape was new to its run; if runs were merged: no better has it"),
 )
 """What a run knows of a design."""
 
-OPTIONAL = frozenset({"niche", "gap", "similarity_dimension", "descriptor", "d0_error", "d2_error"})
+OPTIONAL = frozenset({"distinct", "niche", "gap", "similarity_dimension", "descriptor", "d0_error", "d2_error"})
 """Columns that a commit may leave out; they become null."""
 
 KINDS = ("design", "ancestor")

@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Collection, Mapping
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from numcodecs import blosc  # type: ignore[import-untyped]
 
 from fractal_farm.catalogue.layout import CLOUDS, FEATURES, FORMAT, crc32c
-from fractal_farm.ifs.quantised_cloud import QuantisedClouds
+
+if TYPE_CHECKING:
+    from fractal_farm.ifs.quantised_cloud import QuantisedClouds
 
 SHARD = 256
 """Designs in one shard; each commit begins a new one."""
+INDEX_BYTES = 16 * SHARD + 4
+"""Of the places of the clouds in a shard, at its end."""
 CAPACITY = 1 << 20
 """Declared rows of a writer's arrays."""
 ROOT = "zarr.json"
@@ -70,8 +73,13 @@ def is_root_document(key: str, content: bytes) -> bool:
 
 
 @functools.cache
-def array_metadata(n_points: int) -> dict[str, bytes]:
-    """zarr.json of each array of a writer whose clouds have n_points points: array name -> content."""
+def array_metadata(n_points: int, rows: int = CAPACITY) -> dict[str, bytes]:
+    """zarr.json of each array of a group whose clouds have n_points points: array name -> content.
+
+    Args:
+        n_points: points of a cloud.
+        rows: designs that the arrays have room for.
+    """
     import zarr
     from zarr.codecs import BloscCodec, Crc32cCodec
 
@@ -84,7 +92,7 @@ def array_metadata(n_points: int) -> dict[str, bytes]:
     zarr.create_array(
         store,
         name=POINTS,
-        shape=(CAPACITY, n_points, 3),
+        shape=(rows, n_points, 3),
         chunks=(1, n_points, 3),
         shards=(SHARD, n_points, 3),
         dtype="uint16",
@@ -103,7 +111,7 @@ def array_metadata(n_points: int) -> dict[str, bytes]:
     zarr.create_array(
         store,
         name=TRANSFORM,
-        shape=(CAPACITY, 4),
+        shape=(rows, 4),
         chunks=(SHARD, 4),
         dtype="float32",
         compressors=[Crc32cCodec()],
@@ -114,7 +122,7 @@ def array_metadata(n_points: int) -> dict[str, bytes]:
     zarr.create_array(
         store,
         name=DESIGN_ID,
-        shape=(CAPACITY, _ID_BYTES),
+        shape=(rows, _ID_BYTES),
         chunks=(SHARD, _ID_BYTES),
         dtype="uint8",
         compressors=[Crc32cCodec()],
@@ -155,33 +163,57 @@ def encoded_shard(points: npt.NDArray[np.uint16], empty: Collection[int] = ()) -
         points: (m, n, 3) uint16, m <= 256; the other slots stay empty.
         empty: slots below m that stay empty too.
     """
+    return joined_pieces(b"" if slot in empty else encoded_cloud(cloud) for slot, cloud in enumerate(points))
+
+
+def joined_pieces(clouds: Iterable[bytes]) -> bytes:
+    """One shard of clouds that are encoded already, each in its slot; an empty one leaves its slot empty."""
     index = np.full((SHARD, 2), _EMPTY_SLOT, "<u8")
-    pieces = []
+    pieces = list(clouds)
     offset = 0
-    for slot, cloud in enumerate(points.astype("<u2", copy=False)):
-        if slot in empty:
-            continue
-        piece = _sealed(blosc.compress(cloud.tobytes(), b"zstd", 3, blosc.BITSHUFFLE, 0, 2))
-        index[slot] = offset, len(piece)
-        offset += len(piece)
-        pieces.append(piece)
+    for slot, piece in enumerate(pieces):
+        if piece:
+            index[slot] = offset, len(piece)
+            offset += len(piece)
     return b"".join([*pieces, _sealed(index.tobytes())])
+
+
+def encoded_cloud(points: npt.NDArray[np.uint16]) -> bytes:
+    """One cloud as it lies in a shard: a blosc chunk and its CRC32C."""
+    from numcodecs import blosc  # type: ignore[import-untyped]
+
+    return _sealed(blosc.compress(points.astype("<u2", copy=False).tobytes(), b"zstd", 3, blosc.BITSHUFFLE, 0, 2))
+
+
+def decoded_cloud(piece: bytes, n_points: int) -> npt.NDArray[np.uint16] | None:
+    """The inverse of `encoded_cloud`; None if the piece is damaged."""
+    from numcodecs import blosc
+
+    content = _unsealed(piece)
+    if content is None:
+        return None
+    try:
+        points = np.frombuffer(blosc.decompress(content), "<u2")
+    except (RuntimeError, ValueError):
+        return None
+    return points.reshape(n_points, 3) if points.size == 3 * n_points else None
 
 
 def decoded_slot(shard: bytes, slot: int, n_points: int) -> npt.NDArray[np.uint16] | None:
     """One cloud of a shard, (n_points, 3) uint16; None if it is damaged, or the slot is empty."""
-    index = _unsealed(shard[-(16 * SHARD + 4) :])
-    if index is None or len(index) != 16 * SHARD:
+    places = decoded_index(shard[-INDEX_BYTES:])
+    if places is None:
         return None
-    offset, length = (int(number) for number in np.frombuffer(index, "<u8").reshape(SHARD, 2)[slot])
-    piece = _unsealed(shard[offset : offset + length])
-    if piece is None:
+    offset, length = places[slot]
+    return decoded_cloud(shard[offset : offset + length], n_points)
+
+
+def decoded_index(content: bytes) -> list[tuple[int, int]] | None:
+    """(offset, length) of the cloud in each slot, from the last `INDEX_BYTES` of a shard; None if it is damaged."""
+    index = _unsealed(content)
+    if index is None or len(content) != INDEX_BYTES:
         return None
-    try:
-        points = np.frombuffer(blosc.decompress(piece), "<u2")
-    except (RuntimeError, ValueError):
-        return None
-    return points.reshape(n_points, 3) if points.size == 3 * n_points else None
+    return [(offset, length) for offset, length in np.frombuffer(index, "<u8").reshape(SHARD, 2).tolist()]
 
 
 def _encoded_chunk(rows: npt.NDArray[Any]) -> bytes:

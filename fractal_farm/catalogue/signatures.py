@@ -22,7 +22,8 @@ import pyarrow.compute as pc
 from fractal_farm.catalogue.durable import put
 from fractal_farm.catalogue.identities import DIGITS, find_id, id_array
 from fractal_farm.catalogue.layout import INDEX, PartName, crc32c
-from fractal_farm.catalogue.parts import list_parts, read_rows
+from fractal_farm.catalogue.parts import read_of_parts, read_rows
+from fractal_farm.catalogue.scan import Rows
 from fractal_farm.catalogue.schema import DESCRIPTOR_LENGTH, KINDS, ORDER_OF_BIRTH
 from fractal_farm.distinctness import LENGTH, projection, signatures
 from fractal_farm.errors import FarmError
@@ -103,16 +104,10 @@ class SignatureIndex:
         Raises:
             FarmError: a manifest part is missing or damaged.
         """
-        ends = np.cumsum([part.rows for part in self.parts])
-        places = self.places[np.asarray(indices, np.intp)]
-        numbers = np.searchsorted(ends, places, side="right")
-        found: dict[int, dict[str, Any]] = {}
-        for number in np.unique(numbers).tolist():
-            part = self.parts[number]
-            mine = places[numbers == number]
-            table = read_rows(self.root, part, columns).take(pa.array(mine - (ends[number] - part.rows)))
-            found |= dict(zip(mine.tolist(), table.to_pylist(), strict=True))
-        return [found[place] for place in places.tolist()]
+        rows = Rows([(self.root, part) for part in self.parts])
+        places = self.places[np.asarray(indices, np.intp)].astype(np.int64)
+        found: list[dict[str, Any]] = rows.take(columns, places).to_pylist()
+        return found
 
 
 def open_signatures(root: Path) -> SignatureIndex:
@@ -121,7 +116,10 @@ def open_signatures(root: Path) -> SignatureIndex:
     Raises:
         FarmError: a manifest part is missing or damaged.
     """
-    parts = tuple(part for part in list_parts(root) if part.rows)
+    return read_of_parts(root, None, lambda parts: _opened(root, tuple(part for part in parts if part.rows)))
+
+
+def _opened(root: Path, parts: tuple[PartName, ...]) -> SignatureIndex:
     name = f"signatures~{_key(parts)}"
     table = _stored(root, name)
     if table is None:

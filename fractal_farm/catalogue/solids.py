@@ -62,13 +62,13 @@ def add_solid(
     return put_directory(root / SOLIDS / design_id / parameters_hash, whole, durability)
 
 
-def list_solids(root: Path) -> Iterator[SolidInfo]:
-    """The finished solids, in order of design and parameters.
+def list_solids(root: Path, design_id: str | None = None) -> Iterator[SolidInfo]:
+    """The finished solids, in order of design and parameters; only those of one design if it is given.
 
     Raises:
         FarmError: a solid.json cannot be read.
     """
-    for directory in sorted((root / SOLIDS).glob("*/*")):
+    for directory in sorted((root / SOLIDS).glob(f"{design_id or '*'}/*")):
         if directory.name.startswith(".") or not directory.is_dir():
             continue
         try:

@@ -10,7 +10,7 @@ import datetime as dt
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from fractal_farm.catalogue.durable import Durability, put, put_all
 from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, FORMAT, checked_run_id, crc32c, new_writer
-from fractal_farm.catalogue.parts import Footer, encoded_part
+from fractal_farm.catalogue.parts import Commit, encoded_part
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, GIVEN_SCHEMA, KINDS, OPTIONAL
 from fractal_farm.catalogue.shards import (
     CAPACITY,
@@ -29,7 +29,9 @@ from fractal_farm.catalogue.shards import (
     shard_files,
 )
 from fractal_farm.errors import FarmError
-from fractal_farm.ifs.quantised_cloud import QuantisedClouds
+
+if TYPE_CHECKING:
+    from fractal_farm.ifs.quantised_cloud import QuantisedClouds
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class RunWriter:
         n_points: points of every cloud.
         clouds: "kept" stores the clouds; "none" keeps only their checksums, readers grow them again.
         durability: "full" survives a power cut, "process" the death of the process.
+        fitness: identity of what scores the designs, see `parts.Commit`.
     """
 
     def __init__(
@@ -83,6 +86,7 @@ class RunWriter:
         n_points: int,
         clouds: Literal["kept", "none"] = "kept",
         durability: Durability = "full",
+        fitness: str | None = None,
     ) -> None:
         self._root = Path(root)
         self._run_id = checked_run_id(run_id)
@@ -91,6 +95,7 @@ class RunWriter:
         self._n_points = n_points
         self._clouds = clouds
         self._durability = durability
+        self._fitness = fitness
         self._pending: _Pending | None = None
         self._name = ""
         self._seq = 0
@@ -181,16 +186,12 @@ class RunWriter:
             chunks = shard_files(clouds, ids, self._next_shard)
             files = {directory / chunk: content for chunk, content in chunks.items()}
         listed = files if not stored or self._announced else {**self._metadata(), **files}
-        footer = Footer(
-            epochs,
-            records,
-            {
-                path.relative_to(self._root).as_posix(): (len(content), crc32c(content))
-                for path, content in listed.items()
-            },
-        )
+        references = {
+            path.relative_to(self._root).as_posix(): (len(content), crc32c(content)) for path, content in listed.items()
+        }
         rows = self._placed(given, kept, clouds, stored)
-        name, content = encoded_part(rows, self._name, self._seq, footer)
+        commit = Commit(self._seq, given.num_rows, epochs, records, crc32c(records), references, self._fitness)
+        name, content = encoded_part(rows, self._name, commit)
         part = self._root / DESIGNS / name.file_name
         receipt = CommitReceipt(
             self._seq, given.num_rows, len(listed) + 1, len(content) + sum(map(len, listed.values()))

@@ -5,12 +5,15 @@ from __future__ import annotations
 import enum
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, say, write_file
 from fractal_farm.errors import InputError
+
+if TYPE_CHECKING:
+    from fractal_farm.catalogue import Catalogue
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
 
@@ -60,21 +63,15 @@ def list_designs(
     Beside the columns of the manifest there are stars and favourite, and preference, the stars that farm preference
     expects: --where "stars >= 4 or favourite", --sort preference.
     """
-    from fractal_farm.catalogue import Catalogue, with_judgements
+    from fractal_farm.catalogue import Catalogue
 
     form = Format.JSON if as_json else form
     if form is Format.PARQUET and output is None and sys.stdout.isatty():
         raise InputError("--format parquet: not for a terminal; give a file with --output")
-    table = with_judgements(directory, Catalogue.open(directory).designs(ancestors=ancestors))
-    if any(_PREFERENCE in (words or "") for words in (where, sort, columns)):
-        table = _with_preference(directory, table)
-    sort = f"{sort} desc" if sort.strip() == _PREFERENCE else sort
-    table = _selected(table, where, sort)
-    total = table.num_rows
     if form is Format.TABLE and limit is None:
         limit = _TABLE_ROWS
-    table = table.slice(0, limit) if limit is not None else table
-    table = table.select(_chosen(columns, form, table))
+    catalogue = Catalogue.open(directory)
+    table, total = _listed(catalogue, where, sort, limit, columns, form, ancestors=ancestors)
     if form is Format.TABLE and output is None:
         print_table(table.column_names, [list(row.values()) for row in table.to_pylist()])
         typer.echo(f"{table.num_rows} of {total} designs", err=True)
@@ -135,6 +132,38 @@ def show(
     )
 
 
+def _listed(
+    catalogue: Catalogue,
+    where: str | None,
+    sort: str,
+    limit: int | None,
+    columns: str | None,
+    form: Format,
+    *,
+    ancestors: bool,
+) -> tuple[Any, int]:
+    """The first designs of a selection with their judgements, and how many it has."""
+    from fractal_farm.catalogue import with_judgements
+    from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+
+    told = [words or "" for words in (where, sort, columns)]
+    if not any(name in words for name in (*_JUDGED_COLUMNS, _PREFERENCE) for words in told):
+        # Nothing is read but the columns that decide, and the rows that are shown.
+        read = _SHORT_COLUMNS if columns is None and form is Format.TABLE else DESIGN_SCHEMA.names
+        read = read if columns is None or columns.strip() == "all" else [name.strip() for name in columns.split(",")]
+        known = [name for name in ("design_id", *read) if name in DESIGN_SCHEMA.names]
+        table, total = _selected(catalogue, [*dict.fromkeys(known)], where, sort, limit, ancestors=ancestors)
+        table = with_judgements(catalogue.path, table)
+    else:
+        table = with_judgements(catalogue.path, catalogue.designs(ancestors=ancestors))
+        if any(_PREFERENCE in words for words in told):
+            table = _with_preference(catalogue.path, table)
+        table = _sorted(table, where, f"{sort} desc" if sort.strip() == _PREFERENCE else sort)
+        total = table.num_rows
+        table = table.slice(0, limit)
+    return table.select(_chosen(columns, form, table)), total
+
+
 def _with_preference(directory: Path, table: Any) -> Any:
     """The table with the stars that each design would get, and a word about how far that is to be trusted."""
     from fractal_farm.hand.preference import preference_of, with_preference
@@ -145,28 +174,49 @@ def _with_preference(directory: Path, table: Any) -> Any:
     return with_preference(table, model)
 
 
-def _selected(table: Any, where: str | None, sort: str) -> Any:
-    import pyarrow as pa
+def _selected(
+    catalogue: Catalogue, columns: list[str], where: str | None, sort: str, limit: int | None, *, ancestors: bool
+) -> tuple[Any, int]:
+    """Designs by columns of the manifest alone."""
+    from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+    from fractal_farm.cli.where import explained_selection, selection_of
 
-    from fractal_farm.cli.where import filter_expression
+    name, descending = _order(sort, DESIGN_SCHEMA)
+    expression, names = selection_of(where)
+    with explained_selection(where):
+        return catalogue.select(columns, expression, names, (name, descending), limit, ancestors=ancestors)
 
+
+def _sorted(table: Any, where: str | None, sort: str) -> Any:
+    """A table of designs, filtered and sorted."""
+    from fractal_farm.cli.where import explained_selection, filter_expression
+
+    name, descending = _order(sort, table.schema)
     if where is not None:
         expression = filter_expression(where, table.schema)
-        try:
+        with explained_selection(where):
             table = table.filter(expression)
-        except (pa.ArrowException, TypeError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(f"--where {where!r}: {reason}; compare numbers with numbers") from None
+    keys = [(name, "descending" if descending else "ascending")]
+    return table.sort_by(keys if name == "design_id" else [*keys, ("design_id", "ascending")])
+
+
+def _order(sort: str, schema: Any) -> tuple[str, bool]:
+    """The column to sort by, and whether the largest come first."""
+    import pyarrow as pa
+
     name, _, direction = sort.strip().partition(" ")
     direction = direction.strip().lower()
-    if name not in table.column_names or direction not in ("", "asc", "desc"):
-        raise InputError(f"--sort {sort!r}: give a column, with asc or desc; columns: {', '.join(table.column_names)}")
-    order = "descending" if direction == "desc" else "ascending"
-    keys = [(name, order)] if name == "design_id" else [(name, order), ("design_id", "ascending")]
-    try:
-        return table.sort_by(keys)
-    except pa.ArrowException:
-        raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values") from None
+    if name not in schema.names or direction not in ("", "asc", "desc"):
+        raise InputError(f"--sort {sort!r}: give a column, with asc or desc; columns: {', '.join(_all_columns())}")
+    if pa.types.is_nested(schema.field(name).type):
+        raise InputError(f"--sort {sort!r}: a list cannot be sorted; choose a column of single values")
+    return name, direction == "desc"
+
+
+def _all_columns() -> list[str]:
+    from fractal_farm.catalogue.schema import DESIGN_SCHEMA
+
+    return [*DESIGN_SCHEMA.names, *_JUDGED_COLUMNS, _PREFERENCE]
 
 
 def _chosen(columns: str | None, form: Format, table: Any) -> list[str]:
@@ -181,7 +231,7 @@ def _chosen(columns: str | None, form: Format, table: Any) -> list[str]:
     chosen = known if columns.strip() == "all" else [name.strip() for name in columns.split(",")]
     for name in chosen:
         if name not in known:
-            raise InputError(f"--columns: unknown column {name!r}; the columns are {', '.join(known)}")
+            raise InputError(f"--columns: unknown column {name!r}; the columns are {', '.join(_all_columns())}")
     return chosen
 
 
@@ -230,5 +280,5 @@ def _files(catalogue: Any, row: dict[str, Any]) -> list[str]:
     cloud = []
     if row["cloud_row"] is not None:
         cloud = [f"clouds/{row['writer']}/{row['cloud_array']}[{row['cloud_row']}]"]
-    solids = [solid for solid in catalogue.solids() if solid.design_id == row["design_id"]]
+    solids = catalogue.solids(row["design_id"])
     return cloud + [str(path.relative_to(catalogue.path)) for solid in solids for path in solid.files.values()]

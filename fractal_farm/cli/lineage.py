@@ -96,7 +96,7 @@ def _text(family: Pedigree, line: Relative, descendants: bool) -> str:
         line.design_id[:_SHORT],
         f"{facts['fitness']:.4f}",
         facts["operator"],
-        f"island {facts['island']} epoch {facts['epoch']} generation {facts['generation']}",
+        *_birth(facts, "island", "epoch", "generation"),
     ]
     if line.migrated_from is not None:
         words.append(f"its parent came from island {line.migrated_from}" if descendants else "migrated")
@@ -109,11 +109,18 @@ def _text(family: Pedigree, line: Relative, descendants: bool) -> str:
     return "  ".join(words)
 
 
+def _birth(facts: dict[str, Any], *names: str) -> list[str]:
+    """Where a design was born; nothing for one that was made by hand."""
+    return [] if facts["island"] is None else [" ".join(f"{name} {facts[name]}" for name in names)]
+
+
 def _dot(family: Pedigree) -> str:
     """The family in Graphviz' language, parents above; links between islands are dashed."""
     lines = ["digraph lineage {", "  node [shape=box];"]
     for facts in family.facts.values():
-        label = f"{facts['design_id'][:_SHORT]}\\n{facts['fitness']:.4f} {facts['operator']}\\nisland {facts['island']}"
+        label = f"{facts['design_id'][:_SHORT]}\\n{facts['fitness']:.4f} {facts['operator']}" + "".join(
+            f"\\n{place}" for place in _birth(facts, "island")
+        )
         lines.append(f'  "{facts["design_id"]}" [label="{label}"];')
     for line in family.lines:
         if line.row < 0:

@@ -20,6 +20,7 @@ from fractal_farm.cli import (
     catalogue_commands,
     design_commands,
     doctor,
+    exchange_commands,
     experiment,
     hand_commands,
     jobs,
@@ -64,6 +65,9 @@ app.command("verify")(verify.verify)
 app.command("mirror")(mirror.mirror)
 app.command("fetch")(mirror.fetch)
 app.command("reproduce")(verify.reproduce)
+app.command("compact")(exchange_commands.compact)
+app.command("export")(exchange_commands.export)
+app.command("merge")(exchange_commands.merge)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
 app.add_typer(experiment.app, name="experiment")

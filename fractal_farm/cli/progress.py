@@ -73,7 +73,7 @@ class RunView:
             return (
                 f"run {event.name} ({event.run_id}): {event.islands} islands on {event.workers} "
                 f"{'worker' if event.workers == 1 else 'workers'} ({event.executor}){again}; "
-                f"catalogue {event.path}; Ctrl-C ends it cleanly"
+                f"catalogue {event.path}; {_need(event)}Ctrl-C ends it cleanly"
             )
         if isinstance(event, EpochCompleted):
             self.progress, self.rate = event.progress, event.rate
@@ -150,6 +150,17 @@ class RunView:
         elif (left := self.left_s(now)) is not None:
             parts.append(f"{duration(left)} left")
         return ", ".join(parts)
+
+
+def _need(event: RunStarted) -> str:
+    """What the run writes at most, as far as it is known."""
+    if event.first_hour_bytes is None:
+        return ""
+    first, whole = byte_count(event.first_hour_bytes), event.whole_bytes
+    if whole is None:
+        return f"at most {first} of disk in its first hour; "
+    more = f", {first} in its first hour" if whole > event.first_hour_bytes else ""
+    return f"at most {byte_count(whole)} of disk{more}; "
 
 
 @contextlib.contextmanager

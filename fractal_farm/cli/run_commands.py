@@ -13,6 +13,7 @@ import typer
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
 from fractal_farm.cli.output import AsJson, duration, print_facts, print_json, results_only_on_stdout, say
 from fractal_farm.errors import InputError
+from fractal_farm.farm.interrupts import listening
 
 if TYPE_CHECKING:
     from fractal_farm.farm import RunSummary
@@ -48,6 +49,7 @@ RunOption = Annotated[
 ]
 
 
+@listening()
 def submit(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file of the run.")],
     out: Annotated[
@@ -79,14 +81,15 @@ def submit(
     if detach:
         from fractal_farm.farm.on_ray import jobs
 
-        _only_on_a_cluster(executor, into)
-        return _detached(jobs.detach(run, str(out or Path("runs") / run.name), address), address, as_json)
+        _only_on_a_cluster(executor)
+        return _detached(jobs.detach(run, str(out or Path("runs") / run.name), address, into), address, as_json)
     directory = out if out is not None else Path("runs") / run.name
     with saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.submit(run, directory, address=address, executor=_name(executor), into=into, callbacks=[display])
     return report_end(summary, as_json)
 
 
+@listening()
 def resume(
     directory: DirectoryArgument,
     run: RunOption = None,
@@ -106,10 +109,8 @@ def resume(
     if detach:
         from fractal_farm.farm.on_ray import jobs
 
-        _only_on_a_cluster(executor, into=False)
-        if run is not None:
-            raise InputError("--run: not together with --detach; resume it from where the catalogue is")
-        return _detached(jobs.detach_resume(str(directory), overrides or (), address), address, as_json)
+        _only_on_a_cluster(executor)
+        return _detached(jobs.detach_resume(str(directory), run, overrides or (), address), address, as_json)
     with saying_how_to_resume(directory), results_only_on_stdout(), progress_display() as display:
         summary = farm.resume(
             directory,
@@ -133,11 +134,9 @@ def stop(directory: DirectoryArgument, run: RunOption = None) -> None:
     say(f"ended after {epochs:,} epochs; go on with: farm resume {directory}")
 
 
-def _only_on_a_cluster(executor: ExecutorName | None, into: bool) -> None:
+def _only_on_a_cluster(executor: ExecutorName | None) -> None:
     if executor is ExecutorName.SERIAL:
         raise InputError("--executor serial: a run that is handed to a cluster works there; leave --detach out")
-    if into:
-        raise InputError("--into: not together with --detach; run farm on the cluster's head for that")
 
 
 def _detached(job: str, address: str | None, as_json: bool) -> int:
@@ -159,7 +158,7 @@ def saying_how_to_resume(directory: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        begun = (directory / "zarr.json").exists()
+        begun = any(directory.glob("runs/*/run.json"))
         say(f"interrupted; go on from the last commit with: farm resume {directory}" if begun else "interrupted")
         raise
 

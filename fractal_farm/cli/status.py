@@ -159,10 +159,13 @@ def _facts(facts: dict[str, Any]) -> dict[str, Any]:
         "migration": _migration(facts),
         "steering": _many(map(_steering, facts["steering"]), _STEERING_SHOWN),
         "failures": _many(map(_failure, facts["failures"]), _FAILURES_SHOWN) or "none",
-        "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files, {byte_count(facts['free_bytes'])} free"
+        "disk": f"{byte_count(facts['bytes'])} in {facts['files']:,} files"
+        + (f" of {byte_count(facts['whole_bytes'])} at most" if facts["whole_bytes"] else "")
+        + f", {byte_count(facts['free_bytes'])} free"
         + ("" if facts["min_free_bytes"] is None else f"; the run waits below {byte_count(facts['min_free_bytes'])}"),
         "forecast": _forecast(facts["forecast"]),
         "mirror": f"{facts['mirror']['url']}: {_behind(facts['mirror'])}" if facts["mirror"] else None,
+        "ends after": _limits(facts["stop"]),
         "time left": _left(facts),
         "digest": facts["digest"],
     }
@@ -212,6 +215,12 @@ def _behind(mirror: dict[str, Any]) -> str:
         return mirror["cause"] or "up to date"
     size = byte_count(mirror["bytes"])
     return f"{mirror['files']:,} {'file' if mirror['files'] == 1 else 'files'} behind ({size}){why}"
+
+
+def _limits(stop: dict[str, Any]) -> str:
+    """The limits in force; whichever comes first ends the run."""
+    found = [f"{limit:,g} {name}" for name, limit in stop.items() if limit is not None]
+    return " or ".join(found) or "nothing but an interruption"
 
 
 def _island(island: dict[str, Any]) -> str:

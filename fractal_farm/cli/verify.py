@@ -97,10 +97,10 @@ def _remakers(directory: Path) -> Remakers:
     from fractal_farm.config import RunConfig
 
     def configuration() -> RunConfig:
-        from fractal_farm.catalogue import read_run
+        from fractal_farm.catalogue.settings import read_settings
         from fractal_farm.farm.stopping import chosen_run
 
-        return RunConfig.from_dict(read_run(directory, chosen_run(directory, None))["config"], f"{directory}: run.json")
+        return RunConfig.from_dict(read_settings(directory, chosen_run(directory, None)), f"{directory}: run.json")
 
     def sheet() -> None:
         from fractal_farm.farm.sheet import write_sheet

@@ -7,15 +7,17 @@ The expression is parsed, never run: names are columns, and only comparisons, `a
 from __future__ import annotations
 
 import ast
+import contextlib
 import difflib
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.errors import InputError
 
 LENGTH_LIMIT = 1000
@@ -165,3 +167,26 @@ def _not_understood(node: ast.AST, text: str) -> InputError:
     return InputError(
         f"--where: {what!r} is not understood; use columns, numbers, texts, and, or, not, in, len(), [], == < > + - * /"
     )
+
+
+def selection_of(text: str | None) -> tuple[Any, tuple[str, ...]]:
+    """The expression of a filter over a catalogue's columns, and the columns that it refers to; None if it is None.
+
+    Raises:
+        InputError: see `filter_expression`.
+    """
+    if text is None:
+        return None, ()
+    expression = filter_expression(text, DESIGN_SCHEMA)
+    names = (node.id for node in ast.walk(ast.parse(text.strip(), mode="eval")) if isinstance(node, ast.Name))
+    return expression, tuple(name for name in dict.fromkeys(names) if name in DESIGN_SCHEMA.names)
+
+
+@contextlib.contextmanager
+def explained_selection(text: str | None) -> Iterator[None]:
+    """What Arrow says of an expression that does not fit its columns, as an `InputError`."""
+    try:
+        yield
+    except (pa.ArrowException, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"--where {text!r}: {reason}; compare numbers with numbers") from None

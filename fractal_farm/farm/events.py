@@ -24,6 +24,7 @@ class Progress:
         mean_accepted: mean fitness of the accepted in the last epoch.
         settled: migrants that found a place.
         distinct: qualified designs of a shape that the run had not found before.
+        refused: genomes that got no score.
     """
 
     epochs: int = 0
@@ -36,11 +37,15 @@ class Progress:
     mean_accepted: float = 0.0
     settled: int = 0
     distinct: int = 0
+    refused: int = 0
 
 
 @dataclass(frozen=True)
 class RunStarted:
-    """A run begins, or goes on from where `progress` says; the catalogue has so many files, bytes and meshes."""
+    """A run begins, or goes on from where `progress` says; the catalogue has so many files, bytes and meshes.
+
+    It needs no more than so many bytes in its first hour, and in all, as far as that is known.
+    """
 
     run_id: str
     name: str
@@ -53,6 +58,8 @@ class RunStarted:
     bytes: int
     meshes: int
     stop: dict[str, float | int | None]
+    first_hour_bytes: float | None = None
+    whole_bytes: float | None = None
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ does the work in this process, one piece at a time; `farm.on_ray` spreads it ove
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections import deque
 from collections.abc import Callable
@@ -15,8 +16,10 @@ from typing import TYPE_CHECKING, Protocol
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, StorageFullError
 from fractal_farm.evolution.designs import Designs
-from fractal_farm.evolution.epoch import EpochRecord, IslandState
+from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores
 from fractal_farm.evolution.island import advance, drive
+from fractal_farm.farm.journal import Journal
+from fractal_farm.farm.trials import evaluate_apart
 from fractal_farm.farm.work import Evaluate, MeshOrder, Part, PartReceipt, SetAside, evaluate_candidates, make_solid
 
 if TYPE_CHECKING:
@@ -74,7 +77,22 @@ class NoRoom:
     cause: str
 
 
-Finished = EpochDone | PartDone | MeshDone | WorkLost | NoRoom
+@dataclass(frozen=True)
+class Trouble:
+    """Something went wrong beside the work, and was handled.
+
+    Attributes:
+        where: what it concerns.
+        cause: what happened.
+        remedy: what was done about it.
+    """
+
+    where: str
+    cause: str
+    remedy: str
+
+
+Finished = EpochDone | PartDone | MeshDone | WorkLost | NoRoom | Trouble
 
 
 class Executor(Protocol):
@@ -111,15 +129,23 @@ class Executor(Protocol):
 
 
 class SerialExecutor:
-    """Everything in this process: parts first, then epochs, solids when nothing else is left."""
+    """Everything in this process: parts first, then epochs, solids when nothing else is left.
+
+    Genomes that an earlier session died of are evaluated in processes of their own.
+    """
 
     name = "serial"
     workers = 1
 
     def __init__(
-        self, config: RunConfig, new_publisher: Callable[[], Publisher], evaluate: Evaluate = evaluate_candidates
+        self,
+        config: RunConfig,
+        new_publisher: Callable[[], Publisher],
+        journal: Journal,
+        evaluate: Evaluate = evaluate_candidates,
     ) -> None:
         self._config = config
+        self._journal = journal
         self._evaluate = evaluate
         self._publisher = new_publisher()
         self._epochs: deque[tuple[int, int, Inbox, IslandState]] = deque()
@@ -152,10 +178,7 @@ class SerialExecutor:
             except StorageFullError as error:
                 return [NoRoom(part, str(error))]
         if self._epochs:
-            island, epoch, inbox, state = self._epochs.popleft()
-            config = self._config.evolution
-            steps = advance(state, inbox, config, island, epoch)
-            return [EpochDone(drive(steps, lambda block: self._evaluate(block, config)))]
+            return [self._advanced(*self._epochs.popleft())]
         if self._meshes:
             order = self._meshes.popleft()
             started = time.monotonic()
@@ -173,3 +196,23 @@ class SerialExecutor:
         self._epochs.clear()
         self._parts.clear()
         self._meshes.clear()
+        self._journal.close()
+
+    def _advanced(self, island: int, epoch: int, inbox: Inbox, state: IslandState) -> EpochDone:
+        config = self._config.evolution
+        blocks = itertools.count()
+        set_aside: list[SetAside] = []
+
+        def scores_of(block: Candidates) -> Scores:
+            place = (island, epoch, next(blocks))
+            self._journal.enter(place)
+            if place not in self._journal.suspects:
+                return self._evaluate(block, config)
+            scores, verdicts = evaluate_apart(self._evaluate, block, config)
+            set_aside.extend(verdicts)
+            if not verdicts:
+                self._journal.clear(place)
+            return scores
+
+        record = drive(advance(state, inbox, config, island, epoch), scores_of)
+        return EpochDone(record, tuple(set_aside))

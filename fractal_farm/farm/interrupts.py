@@ -1,14 +1,45 @@
 """Ctrl-C and SIGTERM: the first asks the run to end at its last complete epoch, the second ends it at once.
 
-Once it ends at once, further signals change nothing: the workers are being sent away.
+Once it ends at once, further signals change nothing: the workers are being sent away. Before the run begins both end
+the command, by exceptions that Python raises wherever it is at the moment. Where nobody can catch them (in what is
+called at a fork, by an import, or for dead objects) Python prints them and goes on; `listening` raises them again.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
+import sys
+import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
+
+_AGAIN_SECONDS = 0.1
+
+
+@contextlib.contextmanager
+def listening() -> Iterator[None]:
+    """From the start of a command to its end: a signal that Python cannot raise comes again a moment later."""
+    echoes: list[threading.Timer] = []
+
+    def hear(lost: sys.UnraisableHookArgs) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt | SystemExit):
+            before(lost)
+            return
+        # Ray's handler of SIGTERM raises SystemExit.
+        number = signal.SIGINT if lost.exc_type is KeyboardInterrupt else signal.SIGTERM
+        echoes.append(threading.Timer(_AGAIN_SECONDS, os.kill, (os.getpid(), number)))
+        echoes[-1].daemon = True
+        echoes[-1].start()
+
+    before, sys.unraisablehook = sys.unraisablehook, hear
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for echo in echoes:
+            echo.cancel()
 
 
 @contextlib.contextmanager

@@ -41,6 +41,7 @@ def totals_after(config: RunConfig, before: Progress, records: list[EpochRecord]
         mean_accepted=sum(entry.mean_accepted * entry.accepted for entry in last) / max(accepted, 1),
         settled=before.settled + sum(record.settled for record in records),
         distinct=before.distinct + sum(int(record.born["distinct"].sum()) for record in records),
+        refused=before.refused + sum(entry.refused for entry in entries),
     )
 
 

@@ -79,8 +79,8 @@ def mirroring(config: RunConfig, root: Path, announce: Callable[[Event], None]) 
         yield None
         return
     mirror = Mirroring(root, url, f"run {config.name} ({config.run_id})", announce)
-    mirror.start()
     try:
+        mirror.start()
         yield mirror
     except Exception:
         mirror.finish()
@@ -107,7 +107,7 @@ class Mirroring(Callback):
         self._backlog = Backlog(0, 0)
         self._arrived = 0
         self._told = self._moved = 0.0
-        self._thread = threading.Thread(target=self._work, name="mirror", daemon=True)
+        self._thread = threading.Thread(target=self._work, name="mirror")
 
     def start(self) -> None:
         """Take the mirror into our hands, if it answers, and begin.
@@ -149,7 +149,8 @@ class Mirroring(Callback):
         """End the thread, soon."""
         self._leaving.set()
         self._wake.set()
-        self._thread.join(_PAUSE_SECONDS)
+        if self._thread.is_alive():
+            self._thread.join(_PAUSE_SECONDS)
 
     def _work(self) -> None:
         pause_s = _FIRST_RETRY_SECONDS

@@ -5,6 +5,7 @@ Clouds are grown where they are written and travel nowhere: a genome is small an
 
 from __future__ import annotations
 
+import contextlib
 import math
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,22 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.catalogue import Catalogue, CommitReceipt, RunWriter, design_table, write_snapshot
+from fractal_farm.catalogue.compaction import LARGE_ROWS, Compaction, compact
 from fractal_farm.catalogue.fence import writing
-from fractal_farm.catalogue.parts import list_parts, read_footer
+from fractal_farm.catalogue.parts import list_parts, read_commits
 from fractal_farm.config import RunConfig
+from fractal_farm.errors import StorageFullError
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
-from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, sample_candidates
+from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, fitness_formula, sample_candidates
 from fractal_farm.fitness import shape_descriptor
 from fractal_farm.ifs.gap import gap
 from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
 from fractal_farm.ifs.random_iteration import attractor_points
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
+
+MERGE_COMMITS = 256
+_SMALL_ROWS = LARGE_ROWS // 4
 
 
 class Publisher:
@@ -39,7 +45,14 @@ class Publisher:
         self._points = config.evolution.phenotype.points
         self._durability = config.catalogue.durability
         self._writer = RunWriter(
-            root, config.run_id, node, attempt, self._points, config.catalogue.clouds, self._durability
+            root,
+            config.run_id,
+            node,
+            attempt,
+            self._points,
+            config.catalogue.clouds,
+            self._durability,
+            fitness_formula(config.evolution).identity,
         )
 
     def warm(self) -> None:
@@ -73,6 +86,7 @@ class Publisher:
         columns = _columns(rows) | {
             "kind": ["design" if is_kept else "ancestor" for is_kept in kept],
             "gap": gaps,
+            "distinct": [bool(row["distinct"]) if is_kept else None for row, is_kept in zip(rows, kept, strict=True)],
             "similarity_dimension": [similarity_dimension(genome) for genome in genomes],
             "descriptor": [
                 (self._descriptor(genome) if np.isnan(row["descriptor"][0]) else row["descriptor"]) if is_kept else None
@@ -86,11 +100,20 @@ class Publisher:
             self._last = epochs, receipt
             if part.snapshot is not None:
                 write_snapshot(self._root, self._run_id, part.last_epoch, part.snapshot, self._durability)
+            merged = self._merged(receipt.seq)
         known = {genome.design_id: value for genome, value in zip(genomes, gaps, strict=True) if value is not None}
-        return PartReceipt(part.first_epoch, part.last_epoch, len(designs), receipt.files, receipt.bytes, known)
+        files, size = receipt.files + merged.after - merged.before, receipt.bytes + merged.bytes
+        return PartReceipt(part.first_epoch, part.last_epoch, len(designs), files, size, known)
 
     def _descriptor(self, genome: Genome) -> npt.NDArray[np.float32]:
         return shape_descriptor(attractor_points(genome, self._points))
+
+    def _merged(self, seq: int) -> Compaction:
+        """From time to time: small parts of this writer become large ones. Without room on the disk they stay."""
+        if (seq + 1) % MERGE_COMMITS == 0:
+            with contextlib.suppress(StorageFullError):
+                return compact(self._root, self._run_id, self._durability, self._writer.name, _SMALL_ROWS)
+        return Compaction()
 
     def store_solid(self, order: MeshOrder, files: dict[str, bytes]) -> None:
         """Put a finished solid into the catalogue; see `publish` for what is raised."""
@@ -102,10 +125,10 @@ class Publisher:
         if self._last is not None and self._last[0] == epochs:
             return self._last[1]
         for name in list_parts(self._root, self._run_id) if part.again else ():
-            footer = read_footer(self._root, name)
-            if footer.epochs == epochs:
-                written = sum(size for size, _ in footer.files.values())
-                return CommitReceipt(name.seq, name.rows, len(footer.files) + 1, written)
+            for commit in read_commits(self._root, name, records=False):
+                if commit.epochs == epochs:
+                    written = sum(size for size, _ in commit.files.values())
+                    return CommitReceipt(commit.seq, commit.rows, len(commit.files) + 1, written)
         return None
 
 

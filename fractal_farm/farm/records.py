@@ -103,8 +103,9 @@ def read_summary(blob: bytes) -> dict[str, Any]:
     """What a ledger says without its arrays: progress, elapsed_s, and of each record island, epoch, statistics,
     arrivals and settled, as JSON has them.
     """
-    raw = zlib.decompress(blob)
-    summary: dict[str, Any] = json.loads(raw[4 : 4 + int.from_bytes(raw[:4], "little")])[0]
+    stream = zlib.decompressobj()
+    length = int.from_bytes(stream.decompress(blob, 4), "little")
+    summary: dict[str, Any] = json.loads(stream.decompress(stream.unconsumed_tail, length))[0]
     return summary
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.compute as pc
 
-from fractal_farm.catalogue import Catalogue, committed_records, latest_snapshot
-from fractal_farm.catalogue.parts import list_parts, read_footer
+from fractal_farm.catalogue import Catalogue, committed_records, committed_until, latest_snapshot
+from fractal_farm.catalogue.parts import read_commits, read_of_parts
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.config import RunConfig
@@ -38,8 +38,7 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     empty = founding_state(evolution)
     dtype = empty.library.dtype
     states = dict.fromkeys(range(evolution.islands), empty)
-    committed = list(committed_records(root, config.run_id))
-    last = committed[-1][0][1] if committed else -1
+    last = committed_until(root, config.run_id)
     lag = evolution.migration.lag
     # Emigrants of the last `lag` epochs are still under way, so the replay begins before them.
     if (snapshot := latest_snapshot(root, config.run_id, last - lag)) is not None:
@@ -48,7 +47,7 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     progress, elapsed_s = Progress(), 0.0
     outbox = []
     steered = 0
-    for (_, until), blob in committed:
+    for (_, until), blob in committed_records(root, config.run_id, after=min(start, last - 1)):
         ledger = unpack_ledger(blob, dtype)
         progress, elapsed_s = ledger.progress, max(elapsed_s, ledger.elapsed_s)
         steered = max(steered, ledger.steered)
@@ -112,4 +111,10 @@ def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
 
 def last_epoch(root: Path, run_id: str) -> int:
     """The last committed epoch of a run; -1 before the first."""
-    return max((read_footer(root, name).epochs[1] for name in list_parts(root, run_id)), default=-1)
+    return read_of_parts(
+        root,
+        run_id,
+        lambda parts: max(
+            (commit.epochs[1] for part in parts for commit in read_commits(root, part, records=False)), default=-1
+        ),
+    )

@@ -40,6 +40,7 @@ from fractal_farm.farm.executor import (
     MeshDone,
     NoRoom,
     PartDone,
+    Trouble,
     WorkLost,
 )
 from fractal_farm.farm.limits import fraction_done, kept, patience_s, reached, totals_after
@@ -218,6 +219,8 @@ class Run:
             self._take_receipt(item)
         elif isinstance(item, NoRoom):
             self._wait_for_room(item)
+        elif isinstance(item, Trouble):
+            self._announce(Fault(item.where, item.cause, item.remedy))
         elif isinstance(item, MeshDone):
             self._room.accept()
             self._meshing -= 1

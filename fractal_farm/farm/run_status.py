@@ -14,10 +14,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.compute as pc
 
 from fractal_farm.catalogue import Catalogue, run_is_live
 from fractal_farm.catalogue.mirror import read_state
+from fractal_farm.catalogue.scan import numbers
 from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.errors import FarmError
 from fractal_farm.farm.events import Progress
@@ -28,7 +30,9 @@ FORECAST_HOURS = 10.0
 MIGRATION_EPOCHS = 10
 _SETTLED_SECONDS = 60.0
 _RATE_SECONDS = 60.0
-_COLUMNS = ("design_id", "kind", "fitness", "n_maps", "gap")
+_SAMPLES = 40
+_DIGEST_ROWS = 100_000
+_COLUMNS = ("design_id", "kind", "n_maps", "gap")
 _COUNTING_LIMITS = (
     ("epochs", "epochs"),
     ("evaluations", "evaluated"),
@@ -73,13 +77,14 @@ class RunMonitor:
         """The state of the run now.
 
         Args:
-            digest: also compute the content digest, which reads all rows again; None otherwise.
+            digest: also tell the content digest. Of a large catalogue it is the one that the end of the run recorded,
+                since it takes all columns of all rows to compute it; None without such an end, or if it is not wanted.
 
         Returns:
             run_id, name, path; state ("running", "ended", "interrupted"), reason, digest;
             the fields of `Progress` at the last commit, and `complete_epochs`, which may be ahead of it;
             designs, n_maps (designs by number of maps), printable (designs whose wall makes one body);
-            meshes, mesh_failures, refused (candidates without a score);
+            meshes, mesh_failures;
             elapsed_s, rate (evaluations a second, all sessions), rate_now (of the last minute of work; None until two
             moments are known), workers, executor, silent_s (since the last sign of life of a running farm);
             islands (island, epoch, best, mean_accepted, received by source and settled in the last epochs);
@@ -88,7 +93,8 @@ class RunMonitor:
             migration_epochs (first and last epoch that `received` covers);
             steering (first, last, design_ids), one for each request that the run is bound to;
             failures (where, cause, remedy, count, last: seconds since 1970);
-            files, bytes, free_bytes, min_free_bytes (the run ends below it);
+            files, bytes, whole_bytes (that the run will need at most, if that is known), free_bytes, min_free_bytes
+            (the run waits below it);
             stop (limits in force), left_s and left_until (the limit that comes first), None where nothing is known;
             forecast (files, gigabytes and rows after ten hours; None in the first minute); damage (lines).
         """
@@ -104,11 +110,12 @@ class RunMonitor:
         progress = last.progress if last else Progress()
         elapsed_s = last.elapsed_s if last else 0.0
         usage = catalogue.usage()
-        rows = standing_designs(history.rows())
+        rows = standing_designs(history.rows(), ["n_maps", "gap"])
         started: dict[str, Any] = next((entry for entry in reversed(history.log) if entry["event"] == "RunStarted"), {})
-        stop = started.get("stop") or (history.config.stop.model_dump() if history.config else {})
-        samples = history.samples()
-        state, reason = _state(history, live)
+        stop = history.config.stop.model_dump() if history.config else started.get("stop") or {}
+        samples = history.samples(_SAMPLES if live else 0)
+        end = history.end()
+        state, reason = _state(end, live)
         left = time_left(samples, stop, now - _heard(history, now)) if state == "running" else None
         wall = history.config.solids.wall_mm / history.config.solids.size_mm if history.config else 0.0
         meshes = _readable(lambda: len(catalogue.solids()), damage)
@@ -119,15 +126,14 @@ class RunMonitor:
             "path": str(self._path),
             "state": state,
             "reason": reason,
-            "digest": _readable(lambda: catalogue.digest(self._run_id), damage) if digest else None,
+            "digest": self._digest(catalogue, usage.rows, end, damage) if digest else None,
             **asdict(progress),
             "complete_epochs": samples[-1][1]["epochs"] if samples else 0,
             "designs": rows.num_rows,
-            "n_maps": {str(k): n for k, n in sorted(Counter(rows.column("n_maps").to_pylist()).items())},
-            "printable": int(pc.sum(pc.less_equal(rows.column("gap"), wall)).as_py() or 0),
+            "n_maps": _counts(rows.column("n_maps")),
+            "printable": printable(rows, wall),
             "meshes": meshes or 0,
             "mesh_failures": sum(1 for entry in history.log if entry["event"] == "MeshFinished" and entry["failure"]),
-            "refused": int(sum(commit.statistics[:, STATISTICS.index("refused")].sum() for commit in history.commits)),
             "elapsed_s": elapsed_s,
             "rate": progress.evaluated / elapsed_s if elapsed_s > 0 else 0.0,
             "rate_now": _rate_now(samples) if state == "running" else None,
@@ -145,6 +151,7 @@ class RunMonitor:
             "failures": failures(history.log),
             "files": usage.files,
             "bytes": usage.bytes,
+            "whole_bytes": started.get("whole_bytes"),
             "free_bytes": shutil.disk_usage(self._path).free,
             "min_free_bytes": int(history.config.catalogue.min_free_gb * 1e9) if history.config else None,
             "stop": stop,
@@ -154,9 +161,23 @@ class RunMonitor:
             "damage": damage,
         }
 
+    def _digest(self, catalogue: Catalogue, rows: int, end: dict[str, Any] | None, damage: list[str]) -> Any:
+        if rows > _DIGEST_ROWS:
+            return end["digest"] if end else None
+        return _readable(lambda: catalogue.digest(self._run_id), damage)
 
-def _state(history: RunHistory, live: bool) -> tuple[str, str | None]:
-    end = history.end()
+
+def printable(designs: Any, wall: float) -> int:
+    """How many designs are one body with a wall of this share of their size."""
+    return int(np.count_nonzero(numbers(designs.column("gap").drop_null()) <= wall))
+
+
+def _counts(n_maps: Any) -> dict[str, int]:
+    counted = pc.value_counts(n_maps).to_pylist()
+    return {str(entry["values"]): entry["counts"] for entry in sorted(counted, key=lambda entry: entry["values"])}
+
+
+def _state(end: dict[str, Any] | None, live: bool) -> tuple[str, str | None]:
     if live:
         return "running", None
     finished = end is not None and not end["interrupted"]

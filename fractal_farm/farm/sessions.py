@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from fractal_farm.catalogue import Catalogue, create_run, record_end, remove_orphans, run_ids, run_lock
+from fractal_farm.catalogue import (
+    Catalogue,
+    begin_run,
+    is_unbegun,
+    record_end,
+    remove_orphans,
+    run_ids,
+    run_lock,
+    what_is_there,
+)
+from fractal_farm.catalogue.compaction import compact
+from fractal_farm.catalogue.parts import list_parts
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError, StorageFullError
@@ -20,15 +29,17 @@ from fractal_farm.farm.events import Announcer, Callback, Fault, MirrorChanged, 
 from fractal_farm.farm.executor import ClusterLostError
 from fractal_farm.farm.interrupts import interrupts
 from fractal_farm.farm.mirroring import check_mirror, mirroring
-from fractal_farm.farm.preflight import check_disk
+from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.report import write_report
 from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
 from fractal_farm.farm.run import Run
 from fractal_farm.farm.sheet import write_sheet
 from fractal_farm.farm.stopping import chosen_run, stop_requested, withdraw_stop
+from fractal_farm.farm.versions import check_version, versions
 from fractal_farm.farm.workforce import Workforce, workforce
 
 _LOSSES_WITHOUT_COMMIT = 5
+_PARTS = 64  # of a run that ends, at most, before they are merged
 INTERRUPTED = 130
 
 
@@ -77,7 +88,8 @@ def submit(
 
     Args:
         config: what to run.
-        out: directory of the catalogue; it must not exist, or be empty.
+        out: directory of the catalogue; it must not exist, be empty, or be what a submit left that was killed before
+            its run had begun.
         address: Ray cluster to work on; overrides the configuration.
         executor: "ray" or "serial"; overrides the configuration.
         into: add the run to an existing catalogue instead.
@@ -92,10 +104,8 @@ def submit(
     check_disk(config, out)
     check_mirror(config, out, new=True)
     with workforce(config) as workers:
-        if not (into and out.exists()):
-            Catalogue.create(out)
-        description = {"config": config.to_dict(), "versions": _versions()}
-        create_run(out, config.run_id, description, config.catalogue.durability)
+        description = {"config": config.to_dict(), "versions": versions()}
+        begin_run(out, config.run_id, description, config.catalogue.durability, into=into)
         return _session(config, out, workers, callbacks)
 
 
@@ -126,6 +136,7 @@ def resume(
     """
     run_id = chosen_run(path, run)
     stored = read_settings(path, run_id)
+    check_version(path, run_id, stored)
     config = RunConfig.from_dict(stored, f"{path}: run.json", overrides)
     if config.run_id != run_id:
         raise InputError(
@@ -215,6 +226,7 @@ def _stretch(
         schedule, progress, elapsed_s = restore(config, root)
         usage = Catalogue.open(root).usage()
         queue = mesh_queue(config, root)
+        need = disk_need(config, executor.workers)
         announce(
             RunStarted(
                 run_id,
@@ -228,6 +240,8 @@ def _stretch(
                 usage.bytes,
                 queue.started,
                 config.stop.model_dump(),
+                need.first_hour,
+                need.whole,
             )
         )
         run = Run(
@@ -245,6 +259,7 @@ def _stretch(
         )
         reason = run.evolve()
         run.mesh_the_rest()
+    _tidy(config, root)
     ended = RunEnded(
         reason,
         interrupted() is not None,
@@ -254,20 +269,30 @@ def _stretch(
         run.meshes,
         run.mesh_failures,
     )
+    sheet = None
     try:
-        record_end(root, run_id, asdict(ended), config.catalogue.durability)
+        # The record of the end vouches for the picture; the report tells of the end.
         sheet = write_sheet(root, config)
+        record_end(root, run_id, asdict(ended), config.catalogue.durability)
         write_report(root, config)
     except StorageFullError as error:
-        announce(Fault("disk", str(error), "the run has ended, and its designs are safe"))
-        sheet = None
+        announce(
+            Fault("disk", str(error), "all designs are safe; `farm resume` makes picture and report when there is room")
+        )
     announce(ended)
     return RunSummary(run_id, config.name, root, ended, sheet)
 
 
+def _tidy(config: RunConfig, root: Path) -> None:
+    """Merge small parts if there are many; without room on the disk they stay as they are."""
+    if len(list_parts(root, config.run_id)) > _PARTS:
+        with contextlib.suppress(StorageFullError):
+            compact(root, config.run_id, config.catalogue.durability)
+
+
 def _check_target(out: Path, config: RunConfig, into: bool) -> None:
     """Refuse before anything is started or written."""
-    if into and out.exists():
+    if into and out.exists() and not (out.is_dir() and is_unbegun(out)):
         Catalogue.open(out)
         if config.run_id in run_ids(out):
             raise InputError(f"{out}: run {config.run_id} is in this catalogue already; `farm resume {out}`")
@@ -279,17 +304,5 @@ def _check_target(out: Path, config: RunConfig, into: bool) -> None:
         raise InputError(f"{out}: {place} is a file; choose another --out")
     if not os.access(place, os.W_OK | os.X_OK):
         raise InputError(f"{out}: {place} is not writable; choose another --out")
-    if out.exists() and (held := run_ids(out)):
-        raise InputError(f"{out}: holds run {', '.join(held)}; choose another --out, or `farm resume {out}`")
-    if out.exists() and any(out.iterdir()):
-        raise InputError(f"{out}: is not empty; choose another --out")
-
-
-def _versions() -> dict[str, str]:
-    """What the bits may depend on."""
-    names = ("fractal-farm", "numpy", "numba", "llvmlite", "ray", "zarr", "pyarrow")
-    found = {"python": platform.python_version(), "platform": platform.platform()}
-    for name in names:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found
+    if out.exists() and not is_unbegun(out):
+        raise InputError(f"{out}: {what_is_there(out)}")

@@ -23,18 +23,20 @@ ROWS = 5
 _CONSIDERED = 2000
 
 
-def write_sheet(root: Path, config: RunConfig) -> Path | None:
+def write_sheet(root: Path, config: RunConfig, *, whole: bool = False) -> Path | None:
     """Draw the sheet of a run's best designs into its catalogue.
 
     Args:
         root: the catalogue.
         config: the run's configuration.
+        whole: draw those of all runs.
 
     Returns:
         The picture's path, or None if there is no design yet.
     """
     catalogue = Catalogue.open(root)
-    best = catalogue.designs(["design_id", "fitness", "descriptor"], config.run_id).slice(0, _CONSIDERED)
+    columns = ["design_id", "fitness", "descriptor"]
+    best = catalogue.designs(columns, None if whole else config.run_id).slice(0, _CONSIDERED)
     if best.num_rows == 0:
         return None
     qualified = pc.sum(pc.greater(best.column("fitness"), config.evolution.qualified)).as_py()

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fractal_farm.catalogue import Catalogue, run_ids, run_is_live
+from fractal_farm.catalogue import Catalogue, is_unbegun, run_ids, run_is_live
 from fractal_farm.catalogue.layout import run_directory
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.farm.restore import last_epoch
@@ -76,10 +76,12 @@ def chosen_run(path: Path, run: str | None) -> str:
     Raises:
         InputError: not a catalogue, no such run, or several.
     """
+    if path.is_dir() and is_unbegun(path):
+        raise InputError(f"{path}: no run has begun here; start one with `farm submit CONFIG --out {path}`")
     Catalogue.open(path)
     found = run_ids(path)
     if not found:
-        raise InputError(f"{path}: this catalogue holds no run; start one with `farm submit`")
+        raise InputError(f"{path}: no run is in it; start one with `farm submit CONFIG --into --out {path}`")
     if run is None:
         return max(found, key=lambda run_id: (run_directory(path, run_id) / "run.json").stat().st_mtime)
     named = [run_id for run_id in found if run and run_id.startswith(run)]

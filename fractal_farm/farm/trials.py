@@ -89,6 +89,16 @@ def evaluate_with_care(
     return joined([found[place] for place in sorted(found)]), set_aside
 
 
+def evaluate_apart(evaluate: Evaluate, block: Candidates, config: EvolutionConfig) -> tuple[Scores, list[SetAside]]:
+    """The scores of genomes of which a process has died, without dying of them; see `evaluate_with_care`."""
+
+    def apart(batches: Sequence[Candidates]) -> list[Scores | None]:
+        outcomes = [trial(evaluate, batch, config) for batch in batches]
+        return [outcome if isinstance(outcome, Scores) else None for outcome in outcomes]
+
+    return evaluate_with_care([block], apart, lambda single: trial(evaluate, single, config), config)
+
+
 def _verdict(
     single: Candidates, try_alone: Callable[[Candidates], Scores | Death], config: EvolutionConfig
 ) -> tuple[Scores, list[SetAside]]:
@@ -120,15 +130,15 @@ def refused() -> Scores:
     return scores
 
 
-def trial(evaluate: Evaluate, single: Candidates, config: EvolutionConfig) -> Scores | Death:
-    """Evaluate one genome in a process of its own, after a sound one that shows that the process works.
+def trial(evaluate: Evaluate, candidates: Candidates, config: EvolutionConfig) -> Scores | Death:
+    """Evaluate genomes in a process of its own, after sound ones that show that the process works.
 
     Raises:
         FarmError: the evaluation raised an error, which is no death.
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_alone, args=(theirs, evaluate, single, config))
+    process = context.Process(target=_alone, args=(theirs, evaluate, candidates, config))
     process.start()
     theirs.close()
     heard: list[Any] = []
@@ -140,15 +150,15 @@ def trial(evaluate: Evaluate, single: Candidates, config: EvolutionConfig) -> Sc
         return Scores(*heard[1])
     code = process.exitcode or 0
     if code >= 0:
-        raise FarmError(f"the evaluation of a genome ended with exit code {code} and no scores; see the Ray logs")
+        raise FarmError(f"an evaluation ended with exit code {code} and no scores; see the Ray logs")
     return Death(-code, control=not heard)
 
 
-def _alone(theirs: Any, evaluate: Evaluate, single: Candidates, config: EvolutionConfig) -> None:
-    """In the child: what is sent are (values, refusals), first of sound genomes, then of the one in question."""
+def _alone(theirs: Any, evaluate: Evaluate, candidates: Candidates, config: EvolutionConfig) -> None:
+    """In the child: what is sent are scores, first of sound genomes, then of those in question."""
     theirs.send(tuple(evaluate(sample_candidates(config), config)))
-    with bounded(1, config):
-        theirs.send(tuple(evaluate(single, config)))
+    with bounded(len(candidates.n_maps), config):
+        theirs.send(tuple(evaluate(candidates, config)))
 
 
 @contextlib.contextmanager

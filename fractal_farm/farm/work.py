@@ -133,7 +133,7 @@ def _foreseen(candidates: Candidates, config: EvolutionConfig) -> Scores:
     from fractal_farm.fitness import foresee
 
     least = config.niches.expected_fitness or 0.0
-    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), _formula(config), least)
+    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), fitness_formula(config), least)
     scores = Scores.unknown(len(found.d0))
     for name, column in (("d0", found.d0), ("d2", found.d2), ("fitness", found.fitness)):
         scores.values[:, SCORE_FIELDS.index(name)] = column
@@ -149,7 +149,7 @@ def _fitness(candidates: Candidates, config: EvolutionConfig, repeat: int) -> Sc
         candidates.n_maps,
         config.phenotype.phenotype(),
         config.phenotype.points,
-        _formula(config),
+        fitness_formula(config),
         repeat=repeat,
         described_from=config.qualified,
     )
@@ -158,7 +158,8 @@ def _fitness(candidates: Candidates, config: EvolutionConfig, repeat: int) -> Sc
     return Scores(values, result.refusal, result.descriptor)
 
 
-def _formula(config: EvolutionConfig) -> FitnessFormula:
+def fitness_formula(config: EvolutionConfig) -> FitnessFormula:
+    """Eq 3.7 with the constants of a run."""
     from fractal_farm.fitness import FitnessFormula
 
     constants = config.fitness

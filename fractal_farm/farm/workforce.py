@@ -14,6 +14,7 @@ from fractal_farm.config import RunConfig
 from fractal_farm.errors import InputError
 from fractal_farm.farm.events import Callback
 from fractal_farm.farm.executor import Executor, SerialExecutor
+from fractal_farm.farm.journal import Journal
 from fractal_farm.farm.publisher import Publisher
 
 
@@ -42,7 +43,10 @@ def workforce(config: RunConfig) -> Iterator[Workforce]:
     """
     execution = config.execution
     if execution.executor == "serial":
-        yield Workforce(lambda root: SerialExecutor(config, _new_publisher(root, config)), lambda: False)
+        yield Workforce(
+            lambda root: SerialExecutor(config, _new_publisher(root, config), Journal(root, config.run_id)),
+            lambda: False,
+        )
         return
     if execution.address and execution.workers is not None:
         raise InputError(

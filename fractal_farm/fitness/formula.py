@@ -10,12 +10,17 @@ defaults are calibrated, as NOTES explains.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.kernel import kernel
+
+EVALUATOR_VERSION = "scores-1"
+"""Changes whenever the scores of a genome do, whatever the constants."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,12 @@ class FitnessFormula:
                 raise InputError(f"formula: {name} is {pair}; give (centre, width), finite, the width above 0")
         if not (math.isfinite(self.amplitude) and math.isfinite(self.baseline)):
             raise InputError(f"formula: amplitude {self.amplitude}, baseline {self.baseline}; give finite numbers")
+
+    @property
+    def identity(self) -> str:
+        """What scores rest on besides genome and number of points: the evaluator's version, a hash of the constants."""
+        constants = json.dumps(astuple(self)).encode()
+        return f"{EVALUATOR_VERSION}-{hashlib.blake2b(constants, digest_size=4).hexdigest()}"
 
 
 class FormulaNumbers(NamedTuple):

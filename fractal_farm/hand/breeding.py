@@ -2,9 +2,9 @@
 
 The run takes phenotype and fitness from the run that the designs come from. It has one generation, whose designs are
 children of the chosen ones and resemble them: mutations are small, and the gates that candidates pass are as wide as
-the parents need. A typical child lies 3 units of the signature (`distinctness`) from its nearest founder; unrelated
-designs lie 8 apart, and two copies of one design less than 1. Of four generations, children are no longer related to
-the eye: so one chooses among the children, and breeds again.
+the parents need. A typical child lies 3.5 units of the signature (`distinctness`) from its nearest founder, where
+unrelated designs lie 7 apart. After four generations there is no likeness left: so one chooses among the children, and
+breeds again.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ _LOOK_SECONDS = 0.2
 
 
 @dataclass(frozen=True)
-class Steered:
+class SteeredRun:
     """A run that breeds from chosen designs.
 
     Attributes:
@@ -52,7 +52,7 @@ def steer(
     run: str | None = None,
     wait_s: float = 600.0,
     said: Callable[[], None] = lambda: None,
-) -> Steered:
+) -> SteeredRun:
     """Let all islands of a run breed from designs, beside their own parents, for ten epochs.
 
     Args:
@@ -88,7 +88,7 @@ def steer(
         else:
             _bind_here(root, run_id)
     beyond = config.stop.epochs is not None and config.stop.epochs <= request.first
-    return Steered(run_id, request, run_is_live(root, run_id), last_epoch(root, run_id) + 1, beyond)
+    return SteeredRun(run_id, request, run_is_live(root, run_id), last_epoch(root, run_id) + 1, beyond)
 
 
 def _run_of(root: Path, run: str | None) -> str:

@@ -107,7 +107,7 @@ def test_a_partial_directory_is_removed_only_when_nobody_fills_it(tmp_path):
     partial = tmp_path / f".hash.1{durable.PARTIAL}"
     partial.mkdir()
     (partial / "half").write_bytes(b"")
-    with durable._locked(partial):
+    with durable.locked(partial):
         assert not durable.remove_dead_directory(partial)
         assert partial.is_dir()
     assert durable.remove_dead_directory(partial)

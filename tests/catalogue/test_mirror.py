@@ -16,10 +16,12 @@ import pytest
 from PIL import Image
 
 from fractal_farm.catalogue import Catalogue, create_run, record_end, write_snapshot
+from fractal_farm.catalogue.compaction import compact_all
 from fractal_farm.catalogue.documents import encoded_document
+from fractal_farm.catalogue.judging import judge, judgements
 from fractal_farm.catalogue.layout import CLOUDS, DESIGNS, crc32c
 from fractal_farm.catalogue.mirror import Store, StoreError, fetch, keeping, kept
-from fractal_farm.catalogue.parts import list_parts
+from fractal_farm.catalogue.parts import list_parts, read_rows
 from fractal_farm.catalogue.solids import add_solid
 from fractal_farm.catalogue.verify import verify
 from fractal_farm.config import RunConfig
@@ -85,7 +87,7 @@ def commit_order(root):
     order = []
     for path in (root / DESIGNS).iterdir():
         (part,) = [part for part in list_parts(root) if part.file_name == path.name]
-        table = Catalogue(root)._rows([part], ["epoch"])
+        table = read_rows(root, part, ["epoch"])
         order.append((max(table.column("epoch").to_pylist()), part))
     return [part for _, part in sorted(order)]
 
@@ -109,6 +111,50 @@ def test_an_earlier_state_is_brought_up_to_date_and_a_later_one_is_refused(grown
     mirror(grown, object_store.url)
     assert bring(object_store.url, tmp_path / "back").commits == 2
     assert vouched_for(tmp_path / "back") == vouched_for(grown)
+
+
+def test_what_people_said_comes_along(grown, object_store, tmp_path):
+    mirror(grown, object_store.url)
+    identities = Catalogue.open(grown).designs(["design_id"]).column(0).to_pylist()[:6]
+    for identity in identities:
+        judge(grown, [identity], stars=5)
+    mirror(grown, object_store.url)
+    bring(object_store.url, tmp_path / "back")
+    assert judgements(tmp_path / "back") == judgements(grown)
+    assert verify(tmp_path / "back", "full").findings == ()
+
+
+def test_parts_that_were_merged_reach_mirrors_and_earlier_states(grown, object_store, tmp_path):
+    mirror(grown, object_store.url)
+    bring(object_store.url, tmp_path / "earlier")
+    grow(grown, 6, 9)
+    digest = Catalogue.open(grown).digest()
+    compact_all(grown)
+    assert len(list_parts(grown)) == 4
+    mirror(grown, object_store.url)
+    for name in ("earlier", "new"):
+        fetched = bring(object_store.url, tmp_path / name)
+        assert fetched.damaged == []
+        assert verify(tmp_path / name, "full").findings == ()
+        assert Catalogue.open(tmp_path / name).digest() == digest
+        assert list_parts(tmp_path / name) == list_parts(grown)
+    assert mirror(grown, object_store.url) == 0
+
+
+def test_parts_that_are_merged_while_they_go_up_are_passed_over(grown, object_store, tmp_path, monkeypatch):
+    create = Store.put_all
+
+    def merging(self, objects):
+        if any(key.startswith(f"{CLOUDS}/") and "/points/c." in key for key in objects):
+            compact_all(grown)
+        create(self, objects)
+
+    monkeypatch.setattr(Store, "put_all", merging)
+    mirror(grown, object_store.url)
+    bring(object_store.url, tmp_path / "back")
+    assert [part.is_merged for part in list_parts(tmp_path / "back")] == [True, True]
+    assert verify(tmp_path / "back", "full").findings == ()
+    assert Catalogue.open(tmp_path / "back").digest() == Catalogue.open(grown).digest()
 
 
 class Killed(BaseException):

@@ -20,7 +20,7 @@ import pytest
 
 from fractal_farm.catalogue import Catalogue, committed_records, create_run
 from fractal_farm.catalogue.layout import DESIGNS, part_name
-from fractal_farm.catalogue.parts import read_footer
+from fractal_farm.catalogue.parts import read_commits
 from fractal_farm.catalogue.verify import verify
 from fractal_farm.errors import FarmError
 from tests.catalogue import under_fire
@@ -106,7 +106,8 @@ def test_every_name_of_a_run_is_durable_before_anything_relies_on_it(tmp_path):
     assert len(acknowledged) == len(parts)
     for part, told in zip(sorted(parts, key=lambda part: renamed[part]), acknowledged, strict=True):
         assert is_synced(part.parent, renamed[part], told), f"{part} is acknowledged before it is durable"
-        files = read_footer(out, part_name(part.name)).files
+        (commit,) = read_commits(out, part_name(part.name))
+        files = commit.files
         assert files
         for cloud in (out / key for key in files):
             assert is_synced(cloud.parent, renamed[cloud], renamed[part]), f"{part} refers to {cloud} too early"

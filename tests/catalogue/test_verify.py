@@ -8,23 +8,27 @@ import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numcodecs import blosc
 
 from fractal_farm.catalogue import Catalogue, create_run, read_run, run_lock, shards
 from fractal_farm.catalogue.documents import encoded_document, sealed_page
 from fractal_farm.catalogue.layout import crc32c
 from fractal_farm.catalogue.settings import record_settings
 from fractal_farm.catalogue.shards import group_metadata
-from fractal_farm.catalogue.verify import LEVELS, Remakers, repair, verify
+from fractal_farm.catalogue.verify import LEVELS, Remakers, content, repair, verify
+from fractal_farm.catalogue.verify import contents as contents_of
 from fractal_farm.catalogue.verify.bit_flips import flipped, unflipped
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.farm import resume, run, submit
 from fractal_farm.farm.sheet import write_sheet
+from fractal_farm.fitness import evaluate, formula
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
 from tests.catalogue import under_fire
 from tests.catalogue.examples import RUN, designs, genome, records, writer
@@ -218,6 +222,66 @@ def test_a_lost_part_grows_again_when_the_run_is_resumed(grown, root, lost):
     assert verify(root, "deep").findings == ()
 
 
+PUTTING = """
+import sys, time
+from pathlib import Path
+from fractal_farm.catalogue import Catalogue, run_ids, run_lock
+root = Path(sys.argv[1])
+catalogue = Catalogue.open(root)
+with run_lock(root, run_ids(root)[0]):
+    print("live", flush=True)
+    for number in range(100_000):
+        catalogue.add_solid(f"{number:032x}", "30x08", {"solid.json": b"{}", "solid.stl": bytes(2000)})
+"""
+
+
+def test_solids_that_are_being_put_are_no_findings(root):
+    with subprocess.Popen([sys.executable, "-c", PUTTING, str(root)], stdout=subprocess.PIPE) as putting:
+        try:
+            putting.stdout.readline()
+            solids = []
+            for _ in range(25):
+                assert verify(root, "full").findings == ()
+                solids.append(sum(1 for _ in (root / "solids").iterdir()))
+        finally:
+            putting.kill()
+    assert solids[-1] > solids[0]
+
+
+def test_a_solid_that_is_finished_while_it_is_looked_at_is_sound(root, monkeypatch):
+    partial = root / "solids" / ("0" * 32) / ".30x08.1f.partial"
+    partial.mkdir(parents=True)
+    walk = os.walk
+
+    def meanwhile(top, **options):
+        for place, folders, names in walk(top, **options):
+            if partial.name in folders:
+                partial.rmdir()
+            yield place, folders, names
+
+    monkeypatch.setattr(contents_of.os, "walk", meanwhile)
+    assert verify(root, "full").findings == ()
+
+
+def test_a_run_that_ends_while_it_is_looked_at_is_sound(root, monkeypatch):
+    ends = {path: path.read_bytes() for path in root.glob("runs/*/final*")}
+    part = sorted((root / "manifest/designs").iterdir())[-1]
+    last = part.read_bytes()
+    for path in (part, *ends):
+        path.unlink()
+    walk = contents_of._walk
+
+    def meanwhile(contents):
+        part.write_bytes(last)
+        for path, end in ends.items():
+            path.write_bytes(end)
+        walk(contents)
+
+    monkeypatch.setattr(contents_of, "_walk", meanwhile)
+    with run_lock(root, next(iter(ends)).parent.name):
+        assert verify(root, "full").findings == ()
+
+
 def test_what_a_killed_process_leaves_is_noted_but_is_no_damage(root):
     (writer_directory,) = (root / "clouds").glob("*-*")
     left = [
@@ -301,8 +365,8 @@ def test_what_is_no_catalogue_is_refused(tmp_path):
 
 def test_another_compressor_gives_other_bytes_of_the_same_clouds(empty, monkeypatch):
     with monkeypatch.context() as older:
-        compress = shards.blosc.compress
-        older.setattr(shards.blosc, "compress", lambda data, *_: compress(data, b"lz4", 1, 1, 0, 2))
+        compress = blosc.compress
+        older.setattr(blosc, "compress", lambda data, *_: compress(data, b"lz4", 1, 1, 0, 2))
         clouds = quantised_attractors([genome(number) for number in range(4)], 2000)
         writer(empty, n_points=2000).commit(designs(range(4))[0], clouds, records(0), (0, 0))
     before = Catalogue.open(empty).dense_points()[:]
@@ -353,6 +417,20 @@ def test_deep_tells_what_checksums_cannot(empty, changes, told):
     report = verify(empty, "deep")
     assert report.exit_code == 1
     assert any(told in finding.problem for finding in report.findings)
+
+
+def test_scores_of_another_version_of_the_fitness_are_told_and_not_compared(root, monkeypatch):
+    def other_scores(genomes, n_points, formula):
+        scores = evaluate(genomes, n_points, formula)
+        return replace(scores, fitness=scores.fitness / 2)
+
+    monkeypatch.setattr(content, "evaluate", other_scores)
+    assert verify(root, "deep").exit_code == 1
+    monkeypatch.setattr(formula, "EVALUATOR_VERSION", "scores-0")
+    report = verify(root, "deep")
+    assert report.exit_code == 0
+    assert len(report.findings) == len(list((root / "manifest/designs").iterdir()))
+    assert all("scored by another version of the fitness (scores-1-" in told.problem for told in report.findings)
 
 
 def test_deep_finds_clouds_of_other_designs(empty):

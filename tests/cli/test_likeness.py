@@ -14,7 +14,7 @@ from PIL import Image
 
 from fractal_farm.catalogue import Catalogue
 from fractal_farm.catalogue.layout import DESIGNS
-from fractal_farm.catalogue.parts import encoded_part, list_parts, read_footer, read_rows
+from fractal_farm.catalogue.parts import encoded_part, list_parts, read_commits, read_rows
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.cli import main
 from fractal_farm.distinctness import signatures
@@ -122,9 +122,8 @@ def changed(source: Path, target: Path, column: str, change: Any) -> str:
         for row in rows:
             if row["design_id"] == identity:
                 row[column] = change(row[column])
-        name, content = encoded_part(
-            pa.Table.from_pylist(rows, DESIGN_SCHEMA), part.writer, part.seq, read_footer(target, part)
-        )
+        (commit,) = read_commits(target, part)
+        name, content = encoded_part(pa.Table.from_pylist(rows, DESIGN_SCHEMA), part.writer, commit)
         (target / DESIGNS / part.file_name).unlink()
         (target / DESIGNS / name.file_name).write_bytes(content)
     return identity

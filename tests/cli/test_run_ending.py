@@ -10,10 +10,12 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from fractal_farm.catalogue import Catalogue, run_ids
 from fractal_farm.cli import main
+from fractal_farm.farm.interrupts import interrupts, listening
 from tests.cli.conftest import submit_arguments
 
 FARM = [sys.executable, "-c", "import sys; from fractal_farm.cli import main; sys.exit(main())"]
@@ -92,12 +94,53 @@ def test_a_second_ctrl_c_ends_a_run_at_once_and_it_can_be_resumed(
     assert epochs_and_digest(directory, capsys)[0] == epochs
 
 
+# A fork, such as each of Ray's processes begins with; what is raised in its callbacks goes no further.
+LOST = """
+import os, signal, sys
+from fractal_farm.cli import main
+from fractal_farm.cli import progress
+display = progress.progress_display
+
+def at_a_bad_moment():
+    os.register_at_fork(after_in_parent=lambda: signal.raise_signal(signal.SIGINT))
+    if os.fork() == 0:
+        os._exit(0)
+    return display()
+
+progress.progress_display = at_a_bad_moment
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main())
+"""
+
+
+def test_ctrl_c_is_heard_even_where_python_cannot_raise_it(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", LOST, *submit_arguments(tmp_path / "run", *ENDLESS)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 130, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_what_ray_could_not_raise_comes_again() -> None:
+    class Dying:
+        def __del__(self) -> None:
+            sys.exit(15)  # as Ray's handler of SIGTERM does, in the main thread, whatever it is at
+
+    with listening(), interrupts() as why:
+        Dying()
+        deadline = time.monotonic() + 30
+        while why() is None and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert why() == "asked to end (SIGTERM)"
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("delay_s", [1.0, 2.0, 3.0, 4.0])
+@pytest.mark.parametrize("delay_s", [0.5, 1.5, 2.5, 3.5])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_ray_starts_leaves_no_traceback(tmp_path: Path, delay_s: float, number: int) -> None:
     arguments = [word for word in submit_arguments(tmp_path / "run") if word not in ("--executor", "serial")]
     run = start(*arguments, *ENDLESS)
+    while run.poll() is None and sum(psutil.Process(run.pid).cpu_times()[:2]) < 0.5:
+        time.sleep(0.01)  # Python itself, and our own modules, are there now, however busy the machine is
     time.sleep(delay_s)
     if number == signal.SIGINT:
         os.killpg(run.pid, number)  # as a terminal does

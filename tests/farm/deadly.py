@@ -1,7 +1,10 @@
 """Evaluations that die of certain genomes, for tests: importable by workers and by the processes of trials."""
 
+import contextlib
 import os
 import signal
+import time
+from pathlib import Path
 
 import numpy as np
 
@@ -48,3 +51,11 @@ def never_ends(candidates, config):
 def dies_of_everything(candidates, config):
     """A broken machine."""
     os.kill(os.getpid(), signal.SIGILL)
+
+
+def waits_once(path, candidates, config):
+    """The first process that evaluates a larger batch waits for ever."""
+    if len(candidates.n_maps) > 2:
+        with contextlib.suppress(FileExistsError), Path(path).open("x"):
+            time.sleep(3600.0)
+    return evaluate_candidates(candidates, config)

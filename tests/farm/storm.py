@@ -59,7 +59,7 @@ class Storm:
     Attributes:
         killed: kills by kind of process.
         sessions: times that the command was started.
-        acknowledged: names of manifest parts, and design ids, that were there before any of the kills.
+        acknowledged: commits that were there before any of the kills: (writer, number).
         ends: (exit code, last line) of sessions that ended by themselves.
     """
 
@@ -70,7 +70,7 @@ class Storm:
         self.say = say
         self.killed: Counter[str] = Counter()
         self.sessions = 0
-        self.acknowledged: set[str] = set()
+        self.acknowledged: set[tuple[str, int]] = set()
         self.ends: list[tuple[int, str]] = []
         self.plan = [kind for kind, (share, _) in KINDS.items() for _ in range(-(-kills * share // 100))]
         self.random.shuffle(self.plan)
@@ -191,11 +191,16 @@ class Storm:
     def _note(self) -> None:
         """What is committed now must be there in the end."""
         if self.catalogue.exists():
-            self.acknowledged |= {part.file_name for part in list_parts(self.catalogue)}
+            self.acknowledged |= commits(self.catalogue)
 
     def _last_line(self) -> str:
         lines = (self.directory / f"session-{self.sessions}.txt").read_text().splitlines()
         return lines[-1] if lines else ""
+
+
+def commits(catalogue: Path) -> set[tuple[str, int]]:
+    """Writers and numbers of all commits, in whichever parts they lie."""
+    return {(part.writer, seq) for part in list_parts(catalogue) for seq in range(part.seq, part.last + 1)}
 
 
 def torn_files(catalogue: Path) -> list[str]:
@@ -233,7 +238,7 @@ def main(directory: str, seed: str = "1", kills: str = "50") -> None:
     epochs = storm.calm_down() + 2
     print(f"{sum(storm.killed.values())} kills {dict(storm.killed)}, {storm.sessions} sessions, {epochs - 2} epochs")
     digest, calm = storm.finish(epochs), storm.undisturbed(epochs)
-    lost = storm.acknowledged - {part.file_name for part in list_parts(storm.catalogue)}
+    lost = storm.acknowledged - commits(storm.catalogue)
     print(f"lost {len(lost)}, torn {torn_files(storm.catalogue)}, twice {duplicates(storm.catalogue)}")
     print(f"digest {digest}, undisturbed {calm}, {time.monotonic() - began:.0f} s")
 

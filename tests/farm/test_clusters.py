@@ -1,6 +1,7 @@
 """Several Ray nodes on one machine: nodes join and die in mid-run, and the designs are those of one process."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,11 +15,12 @@ from tests.farm.runs import small_config
 ROOT = Path(__file__).parents[2]
 CONFIG = ("stop.epochs=12", "evolution.islands=4", "evolution.phenotype.points=4000")
 
-# The head has no processors: evaluations run on the other nodes alone. `join` and `die` are epochs after which a node
-# comes and the first one is killed; 0 for never.
+# The head has no processors: evaluations run on the other nodes alone. `join`, `die` and `hang` are epochs after which
+# a node comes, and the first one is killed, or stands still; 0 for never.
 CHILD = """
-import json, sys
+import contextlib, json, sys
 from pathlib import Path
+import psutil
 from ray import cloudpickle
 from ray.cluster_utils import Cluster
 from fractal_farm import farm
@@ -28,6 +30,7 @@ from tests.farm.runs import small_config
 
 settings = json.loads(sys.argv[1])
 carried = 0
+hanging = []
 
 def weighed(call):
     def calling(self, *arguments):
@@ -50,6 +53,11 @@ class Weather(Callback):
             nodes.append(cluster.add_node(num_cpus=1))
         if isinstance(event, EpochCompleted) and event.progress.epochs == settings["die"]:
             cluster.remove_node(nodes[0], allow_graceful=False)
+        if isinstance(event, EpochCompleted) and event.progress.epochs == settings["hang"]:
+            raylet = psutil.Process(nodes[0].all_processes["raylet"][0].process.pid)
+            hanging.extend([raylet, *raylet.children(recursive=True)])
+            for process in hanging:
+                process.suspend()
 
 if __name__ == "__main__":
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0})
@@ -59,16 +67,20 @@ if __name__ == "__main__":
     try:
         summary = farm.submit(config, Path(settings["out"]), address=cluster.address, callbacks=[weather])
     finally:
+        for process in hanging:
+            with contextlib.suppress(psutil.Error):
+                process.kill()
         cluster.shutdown()
     print(json.dumps({"digest": summary.ended.digest, "faults": weather.faults, "carried": carried}))
 """
 
 
-def run_on_nodes(out, nodes, join=0, die=0, config=CONFIG):
-    settings = json.dumps({"out": str(out), "nodes": nodes, "join": join, "die": die, "config": config})
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD, settings], capture_output=True, text=True, cwd=ROOT, timeout=300, check=False
-    )
+def run_on_nodes(out, nodes, join=0, die=0, hang=0, config=CONFIG):
+    settings = {"out": str(out), "nodes": nodes, "join": join, "die": die, "hang": hang, "config": config}
+    command = [sys.executable, "-c", CHILD, json.dumps(settings)]
+    # So that the head of the cluster finds out in seconds that a node hangs; it takes a minute by default.
+    environment = os.environ | {"RAY_health_check_timeout_ms": "1000", "RAY_health_check_failure_threshold": "3"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=ROOT, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -92,6 +104,13 @@ def test_nodes_may_join_and_die_in_mid_run(tmp_path, digest):
     assert result["digest"] == digest
     assert Catalogue.open(tmp_path / "run").digest() == digest
     assert farm.status(tmp_path / "run")["state"] == "ended"
+
+
+@pytest.mark.slow
+def test_what_a_node_had_that_hangs_is_done_on_another(tmp_path, digest):
+    result = run_on_nodes(tmp_path / "run", nodes=2, hang=3)
+    assert result["digest"] == digest
+    assert result["faults"] >= 1
 
 
 @pytest.mark.slow

@@ -13,8 +13,10 @@ import psutil
 import pytest
 
 from fractal_farm import farm
+from fractal_farm.catalogue import run_ids
 from fractal_farm.cli import main
 from fractal_farm.farm.on_ray import extras
+from fractal_farm.farm.restore import last_epoch
 from tests.farm.runs import small_config
 from tests.farm.test_metrics import free_port
 
@@ -104,6 +106,23 @@ def test_a_run_is_handed_over_stopped_resumed_and_ends_with_the_digest_of_one_pr
     whole = farm.submit(small_config(longer), tmp_path / "whole", executor="serial")
     assert farm.status(out)["digest"] == whole.ended.digest
     assert whole.ended.digest in text
+
+
+@pytest.mark.slow
+def test_one_of_several_runs_of_a_catalogue_is_handed_over(cluster, tmp_path):
+    out, few = tmp_path / "run", small_config("stop.epochs=1")
+    farm.submit(few, out, executor="serial")
+    second = written(tmp_path, "stop.epochs=1", "evolution.seed=9")
+    job = command(cluster, "submit", str(second), "--out", str(out), "--into", "--detach").stdout.strip()
+    assert "digest" in command(cluster, "jobs", "logs", job, "--follow").stdout
+    assert len(run_ids(out)) == 2
+    # The second was begun later, and is the one that would be resumed without its name.
+    words = ("resume", str(out), "--run", few.run_id[:6], "--set", "stop.epochs=2", "--detach")
+    again = command(cluster, *words).stdout.strip()
+    text = command(cluster, "jobs", "logs", again, "--follow").stdout
+    whole = farm.submit(small_config("stop.epochs=2"), tmp_path / "whole", executor="serial")
+    assert whole.ended.digest in text
+    assert last_epoch(out, few.run_id) == 1
 
 
 @pytest.mark.slow

@@ -9,8 +9,11 @@ from scipy.spatial import cKDTree
 
 from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue
+from fractal_farm.catalogue.settings import record_settings
+from fractal_farm.catalogue.verify import verify
 from fractal_farm.errors import InputError
 from fractal_farm.farm.events import EpochCompleted, MeshFinished, Migration, PartCommitted, RunEnded, RunStarted
+from fractal_farm.farm.report import report_page
 from fractal_farm.farm.restore import restore
 from fractal_farm.fitness import evaluate
 from fractal_farm.ifs.random_iteration import attractor_points
@@ -191,6 +194,45 @@ def test_what_decides_the_designs_cannot_change_on_resume(finished):
         farm.resume(path, overrides=["evolution.seed=9"], executor="serial")
     with pytest.raises(InputError, match=r"catalogue\.keep"):
         farm.resume(path, overrides=["catalogue.keep=qualified"], executor="serial")
+
+
+def test_a_run_of_another_version_is_read_as_ever_but_does_not_go_on(tmp_path, monkeypatch):
+    path = tmp_path / "run"
+    with monkeypatch.context() as older:
+        older.setattr("fractal_farm.config.IDENTITY_VERSION", 1)
+        summary = farm.submit(small_config("stop.epochs=1"), path, executor="serial")
+    before = sorted(path.rglob("*"))
+    for overrides in ([], ["stop.epochs=9"]):
+        with pytest.raises(InputError, match=r"another version of the farm.*cannot go on.*farm submit") as error:
+            farm.resume(path, overrides=overrides, executor="serial")
+        assert "--set" not in str(error.value)
+    assert sorted(path.rglob("*")) == before
+    status = farm.status(path)
+    assert (status["digest"], status["damage"]) == (summary.ended.digest, [])
+    assert Catalogue.open(path).designs().num_rows == status["designs"]
+    assert verify(path, "full").findings == ()
+
+
+def test_a_configuration_with_fields_of_another_version_is_no_damage(tmp_path, monkeypatch):
+    path = tmp_path / "run"
+    config = small_config("stop.epochs=1")
+    summary = farm.submit(config, path, executor="serial")
+    record_settings(path, config.run_id, config.to_dict() | {"weather": "fine"})
+    with pytest.raises(InputError, match=r"another version of the farm.*weather"):
+        farm.resume(path, executor="serial")
+    status = farm.status(path)
+    assert (status["digest"], status["damage"]) == (summary.ended.digest, [])
+    assert "weather" not in report_page(path)
+
+
+def test_status_tells_the_limits_that_the_last_session_was_given(tmp_path):
+    path = tmp_path / "run"
+    farm.submit(small_config("stop.epochs=1"), path, executor="serial")
+    farm.resume(path, overrides=["stop.epochs=2", "stop.hours=3"], executor="serial")
+    for _ in range(2):
+        stop = farm.status(path)["stop"]
+        assert {name: limit for name, limit in stop.items() if limit is not None} == {"epochs": 2, "hours": 3.0}
+        shutil.rmtree(path / "logs", ignore_errors=True)  # which may be lost
 
 
 @pytest.mark.parametrize(

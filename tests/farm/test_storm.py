@@ -4,8 +4,7 @@ import subprocess
 
 import pytest
 
-from fractal_farm.catalogue.parts import list_parts
-from tests.farm.storm import KINDS, Storm, duplicates, torn_files
+from tests.farm.storm import KINDS, Storm, commits, duplicates, torn_files
 
 
 @pytest.mark.storm
@@ -19,7 +18,7 @@ def test_fifty_kills_of_every_kind_of_process_lose_and_change_nothing(tmp_path):
     # A session that could not go on says why.
     assert all(code == 1 and line.startswith("farm: error:") for code, line in storm.ends)
     assert storm.acknowledged
-    assert storm.acknowledged <= {part.file_name for part in list_parts(storm.catalogue)}
+    assert storm.acknowledged <= commits(storm.catalogue)
     assert torn_files(storm.catalogue) == []
     assert duplicates(storm.catalogue) == []
     assert digest == storm.undisturbed(epochs)

@@ -2,6 +2,9 @@
 
 import functools
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from fractal_farm.evolution.epoch import Candidates, founding_state
 from fractal_farm.evolution.offspring import founders
 from fractal_farm.farm import executor, trials
 from fractal_farm.farm.events import Fault
+from fractal_farm.farm.journal import Journal
 from fractal_farm.farm.records import unpack_ledger
 from fractal_farm.farm.trials import DEATHS, Death, evaluate_with_care, trial
 from fractal_farm.farm.work import evaluate_candidates, split
@@ -20,6 +24,7 @@ from tests.farm import deadly
 from tests.farm.runs import Recorder, small_config
 
 CONFIG = small_config().evolution
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +137,63 @@ def _on_ray(tmp_path, monkeypatch, config, evaluate, callbacks=()):
     return farm.submit(config, tmp_path / "ray", executor="ray", callbacks=callbacks)
 
 
+def _verdicts(root, config):
+    dtype = founding_state(config.evolution).library.dtype
+    ledgers = [unpack_ledger(blob, dtype) for _, blob in committed_records(root, config.run_id)]
+    return [verdict for ledger in ledgers for _, _, verdict in ledger.set_aside]
+
+
+SESSION = """
+import functools, sys
+from pathlib import Path
+from fractal_farm import farm
+from fractal_farm.farm import executor, workforce
+from tests.farm import deadly
+from tests.farm.runs import small_config
+
+if __name__ == "__main__":
+    workforce.SerialExecutor = functools.partial(executor.SerialExecutor, evaluate=deadly.dies)
+    path = Path(sys.argv[1])
+    config = small_config("stop.epochs=1")
+    summary = farm.resume(path) if path.exists() else farm.submit(config, path, executor="serial")
+    print(summary.ended.digest)
+"""
+
+
+@pytest.mark.slow
+def test_a_run_in_one_process_dies_of_a_genome_and_its_next_session_sets_it_aside(tmp_path, monkeypatch):
+    config, path = small_config("stop.epochs=1"), tmp_path / "run"
+    expected = _serial(tmp_path, monkeypatch, config, deadly.refuses)
+    ends = []
+    while not ends or (ends[-1].returncode and len(ends) < 10):
+        command = [sys.executable, "-c", SESSION, str(path)]
+        ends.append(subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False))
+    assert {end.returncode for end in ends[:-1]} == {-signal.SIGSEGV}
+    assert ends[-1].stdout.split()[-1] == expected.ended.digest, ends[-1].stderr
+    verdicts = _verdicts(path, config)
+    assert len(ends) <= len(verdicts) + 1
+    assert all("SIGSEGV" in verdict.reason for verdict in verdicts)
+    assert not list((path / "logs").glob("*.evaluating"))
+
+
+def test_the_journal_tells_the_next_session_where_this_one_died(tmp_path):
+    before = Journal(tmp_path, "run")
+    for place in ((0, 0, 0), (1, 0, 1)):
+        before.enter(place)
+    once = Journal(tmp_path, "run")
+    assert once.suspects == {(1, 0, 1)}
+    once.enter((0, 0, 0))
+    twice = Journal(tmp_path, "run")
+    assert twice.suspects == {(0, 0, 0), (1, 0, 1)}
+    twice.clear((1, 0, 1))
+    twice.enter((0, 0, 0))
+    (tmp_path / "logs" / "run.evaluating").open("a").write("4 5")  # torn
+    after = Journal(tmp_path, "run")
+    assert after.suspects == {(0, 0, 0)}
+    after.close()
+    assert Journal(tmp_path, "run").suspects == set()
+
+
 @pytest.mark.slow
 @pytest.mark.ray
 def test_a_run_sets_deadly_genomes_aside_and_finds_all_others(ray_cluster, tmp_path, monkeypatch):
@@ -141,12 +203,10 @@ def test_a_run_sets_deadly_genomes_aside_and_finds_all_others(ray_cluster, tmp_p
     assert found.ended.digest == expected.ended.digest
     assert found.ended.progress == expected.ended.progress
     told = {event.where.split()[1] for event in recorder.of(Fault) if event.where.startswith("genome")}
-    dtype = founding_state(config.evolution).library.dtype
-    ledgers = [unpack_ledger(blob, dtype) for _, blob in committed_records(tmp_path / "ray", config.run_id)]
-    committed = [verdict for ledger in ledgers for verdict in ledger.set_aside]
+    committed = _verdicts(tmp_path / "ray", config)
     assert committed
-    assert {verdict.design_id for _, _, verdict in committed} == told
-    assert all("SIGSEGV" in verdict.reason for _, _, verdict in committed)
+    assert {verdict.design_id for verdict in committed} == told
+    assert all("SIGSEGV" in verdict.reason for verdict in committed)
 
 
 @pytest.mark.slow

@@ -7,7 +7,11 @@ import pytest
 
 from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue
+from fractal_farm.catalogue.comparison import compared
+from fractal_farm.catalogue.lineage import read_lineage
+from fractal_farm.catalogue.pedigree import pedigree
 from fractal_farm.catalogue.verify import verify
+from fractal_farm.catalogue.verify.reproduction import reproduce
 from fractal_farm.errors import InputError
 from fractal_farm.fitness import evaluate
 from fractal_farm.hand.keeping import keep
@@ -53,6 +57,17 @@ def test_variants_of_variants_are_sound_to_the_last_number(root, ids):
     keep(root, [tuned(root, first.design_id, 0.02)], [first.design_id])
     report = verify(root, "deep")
     assert not [finding for finding in report.findings if finding.damage]
+
+
+def test_what_is_made_by_hand_is_reproduced_compared_and_drawn_like_any_design(root, ids):
+    variant = tuned(root, ids[0], 0.05)
+    keep(root, [variant], [ids[0]])
+    catalogue = Catalogue.open(root)
+    assert reproduce(catalogue, variant.design_id).same
+    assert compared(catalogue, variant.design_id, ids[0]).common_ancestor == (ids[0], 1, 0)
+    family = pedigree(read_lineage(catalogue), read_lineage(catalogue).find(variant.design_id), "ancestors")
+    assert family.lines[1].design_id == ids[0]
+    assert family.lines[1].migrated_from is None
 
 
 def test_a_wrong_score_of_a_variant_is_found(root, ids, monkeypatch):

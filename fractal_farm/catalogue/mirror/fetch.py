@@ -9,8 +9,8 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from fractal_farm.catalogue.documents import SEALED_PAGE, is_sealed_page, opened_document, read_document
@@ -20,7 +20,15 @@ from fractal_farm.catalogue.mirror.keeping import LEASE, WRITE_TEST
 from fractal_farm.catalogue.mirror.sequence import Stage, stage_of
 from fractal_farm.catalogue.mirror.store import ObjectFacts, Store
 from fractal_farm.catalogue.mirror.upload import etag_of, mended_files
-from fractal_farm.catalogue.parts import Footer, list_parts, read_footer
+from fractal_farm.catalogue.parts import (
+    Commit,
+    epochs_of,
+    holds,
+    list_parts,
+    read_commits,
+    replaced_parts,
+    told_apart,
+)
 from fractal_farm.catalogue.reader import Catalogue
 from fractal_farm.catalogue.runs import run_lock
 from fractal_farm.catalogue.shards import ROOT, is_root_document
@@ -67,7 +75,7 @@ def fetch(url: str, root: Path, told: Callable[[Fetched, int], None]) -> Fetched
     # The ends of runs are listed first: the commits that they rely on are in the second listing.
     ends = {key for key in store.listing(RUNS) if stage_of(key) is Stage.END}
     listing = store.listing()
-    names = {name for key in listing if (name := _part(key)) is not None}
+    names = set(told_apart(name for key in listing if (name := _part(key)) is not None)[0])
     identity = _checked_place(store, listing, names, root)
     with contextlib.ExitStack() as stack:
         if not (root / IDENTITY).exists():
@@ -98,7 +106,7 @@ def _checked_place(store: Store, listing: Mapping[str, ObjectFacts], names: set[
     if root.is_dir() and any(not entry.name.startswith(".") for entry in root.iterdir()):
         if not (root / IDENTITY).exists() or read_document(root / IDENTITY) != theirs:
             raise InputError(f"{root}: is not empty, and not an earlier state of {store.url}; name a new directory")
-        if more := set(list_parts(root)) - names:
+        if more := [part for part in list_parts(root) if part not in names and not any(holds(n, part) for n in names)]:
             raise InputError(
                 f"{root}: has {len(more)} commits that {store.url} lacks; it is no earlier state. Bring the mirror up "
                 f"to date with `farm mirror {root} {store.url}`, or name a new directory"
@@ -147,14 +155,17 @@ class _Journey:
         self._wanted = len(names)
         staged = self._staged(names)
         mended = mended_files(self._root)
-        for name in sorted(staged, key=lambda n: (n.writer.partition("-")[0], staged[n].epochs, n.seq, n.writer)):
+        epochs = {name: epochs_of(commits) for name, commits in staged.items()}
+        for name in sorted(staged, key=lambda n: (n.writer.partition("-")[0], epochs[n], n.seq, n.writer)):
             self._clouds(name, staged[name], mended)
             key = f"{DESIGNS}/{name.file_name}"
             self.fetched.commits += 1
             self._keep({key: (self._root / _STAGED / key).read_bytes()})
+        for name in replaced_parts(self._root):  # of an earlier state
+            (self._root / DESIGNS / name.file_name).unlink()
 
-    def _staged(self, names: set[PartName]) -> dict[PartName, Footer]:
-        """Footers of parts, without their records: they say the order. The parts wait in a folder that nobody reads."""
+    def _staged(self, names: set[PartName]) -> dict[PartName, list[Commit]]:
+        """Commits of parts, without their records: they say the order. The parts wait in a folder that nobody reads."""
         folder = self._root / _STAGED
         waiting = {name for name in names if _is_part(folder / DESIGNS / name.file_name, name)}
         for key, content in self._arriving([f"{DESIGNS}/{name.file_name}" for name in sorted(names - waiting)]):
@@ -164,10 +175,12 @@ class _Journey:
                 continue
             put(folder / key, content, "process")
             waiting.add(name)
-        return {name: replace(read_footer(folder, name), records=b"") for name in waiting}
+        return {name: read_commits(folder, name, records=False) for name in waiting}
 
-    def _clouds(self, name: PartName, footer: Footer, mended: Mapping[str, frozenset[tuple[int, int]]]) -> None:
-        accepted = own_cloud_files(name, footer)
+    def _clouds(
+        self, name: PartName, commits: Sequence[Commit], mended: Mapping[str, frozenset[tuple[int, int]]]
+    ) -> None:
+        accepted = own_cloud_files(name, commits)
         files = {}
         for key, content in self._arriving([key for key in accepted if not (self._root / key).exists()]):
             if content is not None:

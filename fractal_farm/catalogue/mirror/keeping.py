@@ -85,7 +85,7 @@ def kept(root: Path, url: str, holder: str, say: Callable[[str, str], None]) -> 
         lease = _Lease(store, holder, root)
         lease.take(say)
         yield Uploader(root, store, lease.renew)
-        with contextlib.suppress(FarmError):
+        with contextlib.suppress(FarmError, RuntimeError):  # silent, or the process is ending
             lease.give_back()
 
 

@@ -59,7 +59,7 @@ def stage_of(key: str) -> Stage | None:
     if top in _HERE_ALONE or name.startswith(".") or name.endswith(PARTIAL):
         return None
     if top == RUNS:
-        if "." not in name:
+        if "." not in name or name.startswith("wish~"):
             return None  # locks and wishes of processes
         return Stage.END if _ENDS.fullmatch(key) else Stage.DOCUMENT
     if top == CLOUDS:

@@ -6,10 +6,10 @@ the server checks against the signed SHA-256 of the request; so an object is who
 
 from __future__ import annotations
 
-import asyncio
 import os
 import re
-from collections.abc import Coroutine, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -27,6 +27,7 @@ _RETRY: RetryConfig = {
     "backoff": {"init_backoff": timedelta(milliseconds=100), "max_backoff": timedelta(seconds=2), "base": 2},
 }
 _REQUEST_TIMEOUT = "60s"
+_HANDS = 8
 _T = TypeVar("_T")
 _KEY = re.compile(r"[0-9A-Za-z_][0-9A-Za-z_.~-]*(/[0-9A-Za-z_][0-9A-Za-z_.~-]*)*")
 _KEYS = "set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
@@ -72,6 +73,7 @@ class Store:
             InputError: not such a URL, a setting in the environment that cannot be, or obstore is not installed.
         """
         self.url = url.rstrip("/")
+        self._hands = ThreadPoolExecutor(_HANDS, "store")
         if not re.fullmatch(MIRROR_URL, url):
             raise InputError(f"{url}: not a place in an object store; write s3://bucket/prefix")
         try:
@@ -98,13 +100,7 @@ class Store:
             InputError: the bucket or the credentials will not do.
             StoreError: the store did not answer, or did not do it; some objects may be stored all the same.
         """
-        import obstore
-
-        async def stored(key: str, content: bytes) -> None:
-            with self._explained(f"{self.url}/{key}"):
-                await obstore.put_async(self._store, key, content, use_multipart=False)
-
-        _together(stored(key, content) for key, content in objects.items())
+        self._together(self._put, objects.items())
 
     def get(self, key: str) -> bytes | None:
         """The content of an object, None if there is none; see `put_all` for what is raised."""
@@ -112,19 +108,7 @@ class Store:
 
     def get_all(self, keys: Sequence[str]) -> list[bytes | None]:
         """The contents of objects, fetched at the same time; see `get`."""
-        import obstore
-
-        async def content_of(key: str) -> bytes | None:
-            with self._explained(f"{self.url}/{key}"):
-                try:
-                    found = await obstore.get_async(self._store, key)
-                except FileNotFoundError as error:
-                    if "NoSuchBucket" in str(error):
-                        raise
-                    return None
-                return bytes(await found.bytes_async())
-
-        return _together(content_of(key) for key in keys)
+        return self._together(self._get, [(key,) for key in keys])
 
     def delete(self, key: str) -> None:
         """Remove an object, if it is there; see `put_all` for what is raised."""
@@ -153,6 +137,30 @@ class Store:
         with self._explained(self.url):
             return not any(chunk for chunk in obstore.list(self._store, chunk_size=1))
 
+    def _put(self, key: str, content: bytes) -> None:
+        import obstore
+
+        with self._explained(f"{self.url}/{key}"):
+            obstore.put(self._store, key, content, use_multipart=False)
+
+    def _get(self, key: str) -> bytes | None:
+        import obstore
+
+        with self._explained(f"{self.url}/{key}"):
+            try:
+                return bytes(obstore.get(self._store, key).bytes())
+            except FileNotFoundError as error:
+                if "NoSuchBucket" in str(error):
+                    raise
+                return None
+
+    def _together(self, work: Callable[..., _T], arguments: Iterable[Iterable[Any]]) -> list[_T]:
+        """The results of some work on each of the arguments, or the first error once all have ended."""
+        # Not obstore's coroutines: they may still be at work in Python when the process ends, and then abort it.
+        futures = [self._hands.submit(work, *given) for given in arguments]
+        wait(futures)
+        return [future.result() for future in futures]
+
     @contextmanager
     def _explained(self, where: str) -> Iterator[None]:
         from obstore.exceptions import BaseError
@@ -168,20 +176,6 @@ class Store:
             if "error sending request" in text:
                 raise StoreError(f"{self.url}: {endpoint} does not answer") from None
             raise StoreError(f"{where}: {_first_line(error)}") from None
-
-
-def _together(works: Iterable[Coroutine[Any, Any, _T]]) -> list[_T]:
-    """The results of works that wait at the same time, or the first error once all have ended."""
-
-    async def gathered() -> list[_T | BaseException]:
-        return await asyncio.gather(*works, return_exceptions=True)
-
-    results = []
-    for result in asyncio.run(gathered()):
-        if isinstance(result, BaseException):
-            raise result
-        results.append(result)
-    return results
 
 
 def _first_line(error: Exception) -> str:

@@ -13,7 +13,7 @@ from fractal_farm.catalogue.layout import DESIGNS, MENDINGS, SNAPSHOTS, PartName
 from fractal_farm.catalogue.mirror.sequence import LocalFile, Stage, local_files
 from fractal_farm.catalogue.mirror.state import Backlog
 from fractal_farm.catalogue.mirror.store import Store
-from fractal_farm.catalogue.parts import Footer, read_footer
+from fractal_farm.catalogue.parts import Commit, PartGoneError, epochs_of, holds, list_parts, read_commits
 from fractal_farm.errors import FarmError
 
 _AT_ONCE = 4
@@ -59,7 +59,7 @@ class Uploader:
         self._there = {key: facts.size for key, facts in listing.items()}
         self._etags = {key: facts.etag for key, facts in listing.items()}
         self._stamps: dict[str, tuple[int, int]] = {}
-        self._footers: dict[PartName, Footer] = {}
+        self._commits_of: dict[PartName, list[Commit]] = {}
         self._changing_due = 0.0
         self.arrived = self.arrived_bytes = 0
 
@@ -74,8 +74,19 @@ class Uploader:
             FarmError: a file of the catalogue is damaged (what may come before it is up), the store did not answer, or
                 what `hold` raised.
         """
-        self._hold()
         everything = everything or time.monotonic() >= self._changing_due
+        while True:
+            try:
+                self._catch_up(tell, everything)
+                break
+            except PartGoneError:
+                continue  # it was merged into a larger one, which is listed now
+        if everything:
+            self._changing_due = time.monotonic() + _CHANGING_SECONDS
+        self._remove_old_snapshots()
+
+    def _catch_up(self, tell: Callable[[Backlog], None], everything: bool) -> None:
+        self._hold()
         groups = [group for group in self._lacking(everything) if group]
         files = sum(map(len, groups))
         size = sum(upload.size for group in groups for upload in group)
@@ -88,16 +99,13 @@ class Uploader:
                 files -= len(few)
                 size -= sum(upload.size for upload in few)
                 tell(Backlog(files, size))
-        if everything:
-            self._changing_due = time.monotonic() + _CHANGING_SECONDS
-        self._remove_old_snapshots()
 
     def _lacking(self, everything: bool) -> Iterator[Sequence[_Upload]]:
         """Groups of uploads: what is in one may go up together, one group after the other."""
         files = local_files(self._root)
         if not any(file.key == _SHEET for file in files[Stage.PICTURE]):
             files[Stage.END] = []  # it is being drawn: a run that has ended has its picture
-        yield self._changed(files[Stage.DOCUMENT])
+        yield from ([document] for document in self._changed(files[Stage.DOCUMENT]))
         yield from self._commits(files[Stage.PART])
         yield self._unknown(files[Stage.SNAPSHOT])
         solids = self._changed(files[Stage.SOLID_LIST])
@@ -115,7 +123,7 @@ class Uploader:
     def _changed(self, files: Sequence[LocalFile]) -> list[_Upload]:
         """Files that may change, and are not in the mirror as they are."""
         changed = []
-        for file in sorted(files, key=lambda file: file.modified_ns):
+        for file in sorted(files, key=lambda file: (file.modified_ns, file.key)):
             stamp = (file.size, file.modified_ns)
             if self._stamps.get(file.key) == stamp:
                 continue
@@ -126,12 +134,17 @@ class Uploader:
         return changed
 
     def _commits(self, files: Sequence[LocalFile]) -> Iterator[Sequence[_Upload]]:
-        """The commits that the mirror lacks, in order of their epochs: the clouds of each, then its part."""
-        lacking = {name: file for file in files if self._there.get(file.key) != file.size and (name := _name(file))}
+        """The commits that the mirror lacks, in order of their epochs: the clouds of each, then its part.
+
+        What was merged into a larger part does not go up any more; what of it went up before stays, unread.
+        """
+        standing = set(list_parts(self._root))
+        unknown = [file for file in files if self._there.get(file.key) != file.size]
+        lacking = {name: file for file in unknown if (name := _name(file)) in standing}
         mended = mended_files(self._root)
         for name in self._in_order_of_epochs(lacking):
             clouds = []
-            for key, facts in self._footers[name].files.items():
+            for key, facts in (item for commit in self._commits_of[name] for item in commit.files.items()):
                 accepted = mended.get(key, frozenset()) | {facts}
                 if self._there.get(key) not in {size for size, _ in accepted}:
                     clouds.append(_Upload(key, facts[0], None, accepted))
@@ -140,10 +153,16 @@ class Uploader:
             yield [_Upload(key, size, None, frozenset({(size, name.checksum)}))]
 
     def _in_order_of_epochs(self, names: Iterable[PartName]) -> list[PartName]:
-        self._footers = {name: self._footers.get(name) or read_footer(self._root, name) for name in names}
+        known = self._commits_of
+        self._commits_of = {name: known.get(name) or read_commits(self._root, name, records=False) for name in names}
         return sorted(
-            self._footers,
-            key=lambda name: (name.writer.partition("-")[0], self._footers[name].epochs, name.seq, name.writer),
+            self._commits_of,
+            key=lambda name: (
+                name.writer.partition("-")[0],
+                epochs_of(self._commits_of[name]),
+                name.seq,
+                name.writer,
+            ),
         )
 
     def _put(self, uploads: Sequence[_Upload]) -> None:
@@ -165,6 +184,8 @@ class Uploader:
         except FileNotFoundError:
             if upload.accepted is None:
                 return None  # an older snapshot, or a solid that is being made again
+            if upload.key.startswith(f"{DESIGNS}/") and self._is_merged(upload.key):
+                raise PartGoneError(upload.key) from None
             content = b""
         if upload.accepted is not None and (len(content), crc32c(content)) not in upload.accepted:
             raise FarmError(
@@ -172,6 +193,11 @@ class Uploader:
                 "--repair`"
             )
         return content
+
+    def _is_merged(self, key: str) -> bool:
+        """Whether a larger part has taken the place of one that is gone."""
+        name = part_name(key.removeprefix(f"{DESIGNS}/"))
+        return name is not None and any(holds(part, name) for part in list_parts(self._root))
 
     def _remove_old_snapshots(self) -> None:
         for key in [key for key in self._there if key.startswith(f"{SNAPSHOTS}/")]:

@@ -48,11 +48,11 @@ def _damaged_clouds(contents: Contents, key: str, content: bytes) -> tuple[tuple
     if f"/{POINTS}/c." not in key:
         return everyone, f"concerns {len(everyone)} clouds"
     concerned = []
-    for row in contents.rows(contents.part_of[key], ["design_id", "cloud_row", "n_points", "cloud_crc32c"]):
-        if row["design_id"] in everyone:
-            points = decoded_slot(content, row["cloud_row"] % SHARD, row["n_points"])
-            if points is None or crc32c(np.ascontiguousarray(points).tobytes()) != row["cloud_crc32c"]:
-                concerned.append(row["design_id"])
+    columns = ["design_id", "cloud_row", "n_points", "cloud_crc32c"]
+    for row in contents.rows(contents.part_of[key], columns, int(key.split("/c.")[1].split(".")[0])).to_pylist():
+        points = decoded_slot(content, row["cloud_row"] % SHARD, row["n_points"])
+        if points is None or crc32c(np.ascontiguousarray(points).tobytes()) != row["cloud_crc32c"]:
+            concerned.append(row["design_id"])
     return tuple(concerned), f"{len(concerned)} of {len(everyone)} clouds are damaged"
 
 

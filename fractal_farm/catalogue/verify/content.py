@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from fractal_farm.catalogue.formula import formula_by_hand, formula_of
 from fractal_farm.catalogue.layout import HAND, crc32c
+from fractal_farm.catalogue.parts import read_commits
 from fractal_farm.catalogue.rows import design_table, genome_of
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, ORDER_OF_BIRTH
 from fractal_farm.catalogue.shards import SHARD, decoded_slot
@@ -30,6 +31,7 @@ from fractal_farm.ifs.random_iteration import GENERATOR_VERSION, attractor_point
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
 
 _SCORES = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error")
+_BLOCK = 4 * SHARD
 _STEPS_ALIKE = 2
 _ALIKE = 1e-6
 _COPY = "restore it from a copy"
@@ -41,17 +43,18 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
     formulas = {run_id: formula_of(description) for run_id, description in contents.runs.items()}
     lineage: dict[str, set[str]] = {}
     parents: dict[str, dict[str, str]] = {}
-    births: dict[tuple[Any, ...], tuple[Any, str]] = {}
-    for part in contents.parts:
-        rows = contents.rows(part, DESIGN_SCHEMA.names)
-        formula = formula_by_hand(part.footer.records) if part.run_id == HAND else formulas.get(part.run_id)
-        yield from _part(contents, part, rows, formula)
+    births: dict[tuple[Any, ...], tuple[int, str]] = {}
+    for part, rows in _blocks(contents):
+        formula = formulas.get(part.run_id)
+        if part.run_id == HAND:
+            formula = formula_by_hand(read_commits(contents.root, part.name)[0].records)
+        yield from _block(contents, part, rows, formula)
         for row in rows:
             lineage.setdefault(part.run_id, set()).add(row["design_id"])
             for parent in row["parents"] or ():
                 parents.setdefault(part.run_id, {}).setdefault(parent, row["design_id"])
             birth = (row["run_id"], row["design_id"], row["kind"], *(row[name] for name in ORDER_OF_BIRTH))
-            told = _told(row)
+            told = hash(_told(row))
             first, where = births.setdefault(birth, (told, part.key))
             if first != told:
                 problem = f"a row differs from its repetition in {where}"
@@ -64,7 +67,15 @@ def content_findings(contents: Contents) -> Iterator[Finding]:
                 yield Finding(f"runs/{run_id}", "row", problem, "restore the part that held it", (child,))
 
 
-def _part(
+def _blocks(contents: Contents) -> Iterator[tuple[Part, list[dict[str, Any]]]]:
+    """The rows of all parts, some at a time, in the order in which their clouds lie."""
+    for part in contents.parts:
+        table = contents.rows(part, DESIGN_SCHEMA.names).sort_by("cloud_row")
+        for start in range(0, table.num_rows, _BLOCK):
+            yield part, table.slice(start, _BLOCK).to_pylist()
+
+
+def _block(
     contents: Contents, part: Part, rows: list[dict[str, Any]], formula: FitnessFormula | None
 ) -> Iterator[Finding]:
     genomes: list[Genome] = []
@@ -76,9 +87,6 @@ def _part(
         except (FarmError, ValueError, TypeError, KeyError):
             problem = "the genome is not the one that the design_id stands for"
             yield Finding(part.key, "row", problem, _COPY, (str(row["design_id"]),))
-    if len(rows) != part.name.rows:
-        problem = f"holds {len(rows)} rows; its name says {part.name.rows}"
-        yield Finding(part.key, "row", problem, _COPY)
     if other := {row["generator_version"] for row in sound} - {GENERATOR_VERSION}:
         problem = f"grown by generator {', '.join(map(str, sorted(other)))}, this is {GENERATOR_VERSION}; not compared"
         yield Finding(part.key, "row", problem, "verify with the version that grew it", damage=False)
@@ -139,6 +147,13 @@ def _compared_numbers(
 ) -> Iterator[Finding]:
     if not rows:
         return
+    others = {commit.fitness for commit in part.commits} - {None, formula.identity if formula else None}
+    if others:
+        scored_by = ", ".join(sorted(map(str, others)))
+        ours = "a configuration that this version does not know" if formula is None else formula.identity
+        problem = f"scored by another version of the fitness ({scored_by}, here {ours}); scores not compared"
+        yield Finding(part.key, "row", problem, "verify with the version that scored it", damage=False)
+        formula = None
     again = recomputed(rows, genomes, formula)
     for name in dict.fromkeys(name for numbers in again for name in numbers):
         pairs = zip(rows, again, strict=True)
@@ -192,7 +207,7 @@ def _difference(recorded: Any, recomputed: Any) -> float:
 
 def _told(row: Mapping[str, Any]) -> tuple[Any, ...]:
     """What a row says of its design, as far as it is the same however and wherever it was stored."""
-    left_out = ("writer", "cloud_array", "cloud_row", "created_us")
+    left_out = ("writer", "cloud_array", "cloud_row", "created_us", "distinct")
     return tuple(_hashable(value) for name, value in row.items() if name not in left_out)
 
 

@@ -9,14 +9,18 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pyarrow.compute as pc
+
 from fractal_farm.catalogue.documents import opened_document
-from fractal_farm.catalogue.layout import DESIGNS, MENDINGS, RUNS, PartName, crc32c, part_name
-from fractal_farm.catalogue.parts import Footer, read_footer, read_rows
+from fractal_farm.catalogue.layout import DESIGNS, MENDINGS, RUNS, PartName, crc32c
+from fractal_farm.catalogue.parts import Commit, list_parts, open_part, read_commits, read_rows, replaced_parts
 from fractal_farm.catalogue.runs import run_is_live
+from fractal_farm.catalogue.shards import SHARD
 from fractal_farm.catalogue.verify.findings import Finding
 from fractal_farm.errors import FarmError
 
@@ -29,10 +33,10 @@ _CLOUD_FILE = re.compile(r"clouds/[^/.~][^/~]*(/(points|transform|design_id))?/(
 
 @dataclass(frozen=True)
 class Part:
-    """A sound manifest part."""
+    """A sound manifest part, and the commits that it holds, without their records."""
 
     name: PartName
-    footer: Footer
+    commits: list[Commit]
 
     @property
     def key(self) -> str:
@@ -53,7 +57,8 @@ class Contents:
         root: its directory.
         sizes: key -> bytes of every regular file that somebody vouches for.
         directories: keys of the directories.
-        parts: the sound manifest parts, in order of their names.
+        parts: the sound manifest parts, each commit once, in order of their names.
+        replaced: keys of the parts whose commits a merged part holds too.
         part_of: key of a cloud file -> the part that refers to it.
         accepted: key of a cloud file -> the sizes and checksums that it may have.
         lost: key of a cloud file -> ids of designs whose clouds an earlier repair could not restore.
@@ -67,6 +72,7 @@ class Contents:
     sizes: dict[str, int] = field(default_factory=dict)
     directories: set[str] = field(default_factory=set)
     parts: list[Part] = field(default_factory=list)
+    replaced: set[str] = field(default_factory=set)
     part_of: dict[str, Part] = field(default_factory=dict)
     accepted: dict[str, set[tuple[int, int]]] = field(default_factory=dict)
     lost: dict[str, list[str]] = field(default_factory=dict)
@@ -88,10 +94,14 @@ class Contents:
         self.bytes_checked += len(content)
         return content
 
-    def rows(self, part: Part, columns: list[str]) -> list[dict[str, Any]]:
-        """Rows of a part, column -> value."""
-        found: list[dict[str, Any]] = read_rows(self.root, part.name, columns).to_pylist()
-        return found
+    def rows(self, part: Part, columns: Sequence[str], shard: int | None = None) -> Any:
+        """Rows of a part as a table; only those whose clouds lie in one shard, in order, if it is given."""
+        table = read_rows(self.root, part.name, [*dict.fromkeys([*columns, "cloud_row"])])
+        if shard is not None:
+            places = table.column("cloud_row")
+            inside = pc.and_(pc.greater_equal(places, shard * SHARD), pc.less(places, (shard + 1) * SHARD))
+            table = table.filter(inside).sort_by("cloud_row")
+        return table.select(columns)
 
 
 def listed_contents(root: Path, held: frozenset[str] = frozenset()) -> Contents:
@@ -106,12 +116,12 @@ def listed_contents(root: Path, held: frozenset[str] = frozenset()) -> Contents:
     run_ids = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
     live = _live(root, run_ids, held)
     # Parts first: what a part refers to was there before it.
-    folder = root / DESIGNS
-    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    names = list_parts(root)
     _walk(contents)
     contents.live = live | _live(root, run_ids, held)
     for name in names:
         _take_part(contents, name)
+    contents.replaced = {f"{DESIGNS}/{name.file_name}" for name in replaced_parts(root)}
     for key in sorted(key for key in contents.sizes if key.startswith(f"{MENDINGS}/")):
         _take_mending(contents, key)
     return contents
@@ -123,11 +133,12 @@ def named_checksum(key: str) -> int | None:
     return int(found["checksum"], 16) if found else None
 
 
-def own_cloud_files(name: PartName, footer: Footer) -> dict[str, tuple[int, int]]:
+def own_cloud_files(name: PartName, commits: Sequence[Commit]) -> dict[str, tuple[int, int]]:
     """The files of a part that are clouds of its writer, as all should be: key -> (bytes, CRC32C)."""
     return {
         key: facts
-        for key, facts in footer.files.items()
+        for commit in commits
+        for key, facts in commit.files.items()
         if _CLOUD_FILE.fullmatch(key) and key.split("/")[1] == name.writer
     }
 
@@ -145,6 +156,8 @@ def _live(root: Path, run_ids: list[str], held: frozenset[str]) -> frozenset[str
 
 def _walk(contents: Contents) -> None:
     def unreadable(error: OSError) -> None:
+        if isinstance(error, FileNotFoundError):
+            return  # renamed or removed since its name was read, as a solid is when it is finished
         key = Path(error.filename).relative_to(contents.root).as_posix()
         problem = f"the directory cannot be read: {error.strerror}"
         contents.findings.append(Finding(key, "root", problem, "give yourself the right to read it"))
@@ -163,12 +176,9 @@ def _walk(contents: Contents) -> None:
                 contents.sizes[(place / name).relative_to(contents.root).as_posix()] = facts.st_size
 
 
-def _take_part(contents: Contents, file_name: str) -> None:
-    """Check a part, and remember what it refers to."""
-    name = part_name(file_name)
-    if name is None:
-        return
-    key = f"{DESIGNS}/{file_name}"
+def _take_part(contents: Contents, name: PartName) -> None:
+    """Check a part, and remember what it refers to; one that was merged meanwhile is found in its successor."""
+    key = f"{DESIGNS}/{name.file_name}"
     again = "`farm verify --repair` mends it if it is one flipped bit, and otherwise moves it aside; then `farm resume`"
     content = contents.read(key)
     if isinstance(content, str):
@@ -177,19 +187,33 @@ def _take_part(contents: Contents, file_name: str) -> None:
         problem = f"damaged: the checksum of its {len(content)} bytes is not that of its name: {name.rows} designs"
     else:
         try:
-            part = Part(name, read_footer(contents.root, name))
+            part = Part(name, read_commits(contents.root, name, records=False))
+            rows = open_part(contents.root, name).metadata.num_rows
         except Exception as error:  # what a library makes of garbage that was given a matching name
             problem = f"not a manifest part ({type(error).__name__})"
         else:
             _take_references(contents, part)
+            if rows != name.rows:
+                problem = f"holds {rows} rows; its name says {name.rows}"
+                contents.findings.append(Finding(key, "row", problem, "restore it from a copy"))
             return
+    if not (contents.root / key).exists() and (wider := _successor(contents.root, name)):
+        if wider not in [part.name for part in contents.parts]:
+            _take_part(contents, wider)
+        return
     contents.findings.append(Finding(key, "part", problem, again))
+
+
+def _successor(root: Path, name: PartName) -> PartName | None:
+    """The part that holds the commits of one that is gone."""
+    mine = (other for other in list_parts(root) if other.writer == name.writer)
+    return next((other for other in mine if other.seq <= name.seq and name.last <= other.last), None)
 
 
 def _take_references(contents: Contents, part: Part) -> None:
     contents.parts.append(part)
-    own = own_cloud_files(part.name, part.footer)
-    for key, facts in part.footer.files.items():
+    own = own_cloud_files(part.name, part.commits)
+    for key, facts in (item for commit in part.commits for item in commit.files.items()):
         if key in own:
             contents.part_of[key] = part
             contents.accepted.setdefault(key, set()).add(facts)

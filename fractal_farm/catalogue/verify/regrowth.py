@@ -44,15 +44,14 @@ def regrow(contents: Contents, key: str, before: bytes | None) -> tuple[dict[str
         genomes do not grow into the recorded bits here, and the stored ones are damaged.
     """
     part = contents.part_of[key]
-    rows = [row for row in contents.rows(part, DESIGN_SCHEMA.names) if row["cloud_row"] is not None]
     array, _, chunk = key.split("/", 2)[2].rpartition("/")
     lost: list[str] = []
     if chunk == ROOT:
-        content = _metadata(part.name.writer, array, rows)
+        n_points = contents.rows(part, ["n_points"]).column(0)[0].as_py()
+        content = _metadata(part.name.writer, array, n_points)
     else:
         shard = int(chunk.split(".")[1])
-        mine = [row for row in rows if row["cloud_row"] // SHARD == shard]
-        mine.sort(key=lambda row: int(row["cloud_row"]))
+        mine = contents.rows(part, DESIGN_SCHEMA.names, shard).to_pylist()
         if [row["cloud_row"] % SHARD for row in mine] != list(range(len(mine))):
             raise FarmError(f"{part.key}: its rows do not fill {key} from the start; restore both from a copy")
         content, lost = _chunk(mine, array, shard, before)
@@ -64,10 +63,10 @@ def regrow(contents: Contents, key: str, before: bytes | None) -> tuple[dict[str
     return {f"{MENDINGS}/{secrets.token_hex(8)}~{crc32c(document):08x}.json": document, key: content}, len(lost)
 
 
-def _metadata(writer: str, array: str, rows: list[dict[str, Any]]) -> bytes:
+def _metadata(writer: str, array: str, n_points: int) -> bytes:
     if not array:
         return group_metadata({"format": FORMAT, "writer": writer})
-    return array_metadata(rows[0]["n_points"])[array]
+    return array_metadata(n_points)[array]
 
 
 def _chunk(rows: list[dict[str, Any]], array: str, shard: int, before: bytes | None) -> tuple[bytes, list[str]]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+import pyarrow.compute as pc
+
 from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.durable import PARTIAL, is_being_filled
 from fractal_farm.catalogue.fence import FENCE
@@ -23,7 +25,7 @@ from fractal_farm.catalogue.layout import (
     part_name,
 )
 from fractal_farm.catalogue.runs import LOCK, is_whole_lock
-from fractal_farm.catalogue.shards import ROOT, SHARD, is_root_document, root_documents
+from fractal_farm.catalogue.shards import ROOT, is_root_document, root_documents
 from fractal_farm.catalogue.solids import CHECKSUMS
 from fractal_farm.catalogue.verify.contents import Contents, named_checksum
 from fractal_farm.catalogue.verify.findings import Finding
@@ -32,6 +34,7 @@ SHEET = "catalogue.png"
 REPORT = "report.html"
 GROW = "`farm verify --repair` grows the clouds again from their genomes"
 _RESUME = "`farm resume` removes it, `farm verify --repair` moves it aside"
+_UNFINISHED = "a file that was never finished"
 _RUN_ID = re.compile(r"[0-9a-z]{4,32}")
 _SOLID = re.compile(rf"{SOLIDS}/[0-9a-f]{{32}}/[0-9A-Za-z_-]{{1,64}}")
 
@@ -97,6 +100,8 @@ def _runs(contents: Contents) -> Iterator[Finding]:
     for key in sorted(contents.sizes.keys() | contents.directories):
         if re.fullmatch(rf"{RUNS}/[^/]*/[a-z]+~\d+~[0-9a-f]{{8}}\.json", key):
             content = contents.read(key)
+            if content == "missing":
+                continue  # a wish that the run has taken up meanwhile
             if isinstance(content, str) or crc32c(content) != named_checksum(key) or opened_document(content) is None:
                 remedy = "`farm verify --repair` mends it if it is one flipped bit"
                 yield Finding(key, "end", "damaged: its checksum does not match", remedy)
@@ -120,7 +125,7 @@ def _epochs(contents: Contents) -> Iterator[Finding]:
     """Epochs of a run that no sound part holds; what is committed last may also be missed by the end of the run."""
     spans: dict[str, list[tuple[int, int]]] = {}
     for part in contents.parts:
-        spans.setdefault(part.run_id, []).append(part.footer.epochs)
+        spans.setdefault(part.run_id, []).extend(commit.epochs for commit in part.commits)
     for run_id, description in contents.runs.items():
         reached = 0
         gaps = []
@@ -128,7 +133,9 @@ def _epochs(contents: Contents) -> Iterator[Finding]:
             if first > reached:
                 gaps.append((reached, first - 1))
             reached = max(reached, last + 1)
-        ended = ended_after(contents, run_id) if description is not None else 0
+        # A live run may have committed, and ended, after its parts were listed.
+        settled = description is not None and run_id not in contents.live
+        ended = ended_after(contents, run_id) if settled else 0
         if ended > reached:
             gaps.append((reached, ended - 1))
         for first, last in gaps:
@@ -169,14 +176,9 @@ def _clouds(contents: Contents) -> Iterator[Finding]:
 
 def clouds_in(contents: Contents, key: str) -> tuple[str, ...]:
     """The designs whose clouds a cloud file holds; all of its writer's if it is metadata."""
-    part = contents.part_of[key]
     chunk = key.rpartition("/")[2].split(".")
-    rows = contents.rows(part, ["design_id", "cloud_row"])
-    return tuple(
-        row["design_id"]
-        for row in rows
-        if row["cloud_row"] is not None and (chunk[0] != "c" or row["cloud_row"] // SHARD == int(chunk[1]))
-    )
+    rows = contents.rows(contents.part_of[key], ["design_id", "cloud_row"], int(chunk[1]) if chunk[0] == "c" else None)
+    return tuple(rows.filter(pc.is_valid(rows.column("cloud_row"))).column("design_id").to_pylist())
 
 
 def _solids(contents: Contents) -> Iterator[Finding]:
@@ -215,13 +217,18 @@ def _unknown(contents: Contents) -> Iterator[Finding]:
             owner = key.split("/")[1].partition("-")[0] if top == CLOUDS else run_id
             if top == RUNS:
                 owner = key.split("/")[1]
-            if owner not in contents.live:
-                yield Finding(key, "leftover", "a file that was never finished", _RESUME, damage=False)
+            if not folder and not contents.live:
+                yield Finding(key, "leftover", _UNFINISHED, "`farm verify --repair` moves it aside", damage=False)
+            elif folder and owner not in contents.live:
+                yield Finding(key, "leftover", _UNFINISHED, _RESUME, damage=False)
         elif top == CLOUDS and key != f"{CLOUDS}/{ROOT}" and key not in contents.accepted:
             owner = key.split("/")[1].partition("-")[0]
             if owner not in contents.live:
                 problem = "no manifest part refers to it"
                 yield Finding(key, "leftover", problem, _RESUME, damage=owner not in contents.runs)
+        elif key in contents.replaced:
+            if name.partition("-")[0] not in contents.live:
+                yield Finding(key, "leftover", "was merged into a larger part", _RESUME, damage=False)
         elif (
             (folder == DESIGNS and part_name(name) is None)
             or (folder == SNAPSHOTS and named_checksum(key) is None)

@@ -40,7 +40,7 @@ def verify(root: Path, level: Level = "full", held: frozenset[str] = frozenset()
         findings += byte_findings(contents)
         if not any(finding.kind in ("part", "row") for finding in findings):
             digest = Catalogue(root).digest()
-            findings += _digests(contents)
+            findings += _digests(contents, digest)
     if level == "deep":
         from fractal_farm.catalogue.verify.content import content_findings
 
@@ -65,8 +65,13 @@ def check_is_catalogue(root: Path) -> None:
             Catalogue.open(root)
 
 
-def _digests(contents: Contents) -> Iterator[Finding]:
-    """The content digest of each run, against the one that its last end recorded for the same epochs."""
+def _digests(contents: Contents, digest: str) -> Iterator[Finding]:
+    """The content digest of each run, against the one that its last end recorded for the same epochs.
+
+    Args:
+        contents: the catalogue.
+        digest: of the whole catalogue; that of its run if there is but one.
+    """
     ends: dict[str, tuple[str, int, str]] = {}
     for key in sorted(contents.sizes):
         if key.startswith(f"{RUNS}/") and "/final~" in key:
@@ -76,9 +81,11 @@ def _digests(contents: Contents) -> Iterator[Finding]:
             if facts and isinstance(progress, dict) and "digest" in facts:
                 ends[key.split("/")[1]] = (key, progress.get("epochs", 0), facts["digest"])
     for run_id, (key, epochs, recorded) in ends.items():
-        reached = max((part.footer.epochs[1] + 1 for part in contents.parts if part.run_id == run_id), default=0)
+        mine = (commit for part in contents.parts if part.run_id == run_id for commit in part.commits)
+        reached = max((commit.epochs[1] + 1 for commit in mine), default=0)
         if reached == epochs and run_id not in contents.live:
-            found = Catalogue(contents.root).digest(run_id)
+            alone = all(part.run_id == run_id for part in contents.parts)
+            found = digest if alone else Catalogue(contents.root).digest(run_id)
             if found != recorded:
                 problem = f"the content digest is {found}; the run ended with {recorded}"
                 yield Finding(key, "row", problem, "restore what is missing from a copy, or resume the run")

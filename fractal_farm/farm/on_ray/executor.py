@@ -1,34 +1,26 @@
-"""Islands as Ray actors, evaluations as Ray tasks, one writer and some mesh actors (DESIGN section 4).
+"""`RayExecutor`: what a run asks for, as calls of `actors`, and what has become of them (DESIGN section 4).
 
-Actors hold state only as a cache: every call carries its epoch, and when an actor has died the run sends the state
-again. Island actors and the writer take no processor of their own; mesh actors run at low priority, so that
-evaluations go first.
+Actors that are lost are replaced, wardens look for workers that stand still, and a cluster that is gone is told apart
+from a process that is.
 """
 
 from __future__ import annotations
 
 import contextlib
-import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import ray
 from ray.exceptions import (
-    NodeDiedError,
-    ObjectLostError,
-    OutOfMemoryError,
-    RayActorError,
     RayError,
     RayTaskError,
-    WorkerCrashedError,
 )
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from fractal_farm.config import EvolutionConfig, RunConfig
+from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, StorageFullError
-from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, library_after
-from fractal_farm.evolution.island import advance, drive
+from fractal_farm.evolution.epoch import Candidates, IslandState
 from fractal_farm.farm.executor import (
     ClusterLostError,
     EpochDone,
@@ -37,132 +29,25 @@ from fractal_farm.farm.executor import (
     MeshDone,
     NoRoom,
     PartDone,
+    Trouble,
     WorkLost,
 )
+from fractal_farm.farm.on_ray.actors import EVALUATE, ISLAND, LOST, MESHER, WRITER
 from fractal_farm.farm.on_ray.session import Cluster
-from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
+from fractal_farm.farm.on_ray.wardens import Wardens
 from fractal_farm.farm.work import (
     Evaluate,
     MeshOrder,
     Part,
-    PartReceipt,
-    SetAside,
     evaluate_candidates,
-    make_solid,
     sample_candidates,
-    split,
-    warm_up,
 )
 
-# What says that a process, a node or its memory is gone, and not that the work itself is at fault.
-_LOST = (RayActorError, WorkerCrashedError, OutOfMemoryError, NodeDiedError, ObjectLostError)
-_MESH_NICENESS = 10
+_AGAIN = "it is killed, and its work done again"
+_SPILLED = "the results are the same; /tmp/ray needs room"
 _MESH_WORKERS = 4
 _WARM_UP_SECONDS = 600.0
 _WARM_UP_TRIES = 10
-
-
-def evaluate_batch(evaluate: Evaluate, candidates: Candidates, config: EvolutionConfig) -> Scores:
-    """RIA and fitness of one batch; a worker that takes far longer than it can take dies of it."""
-    if config not in _warm:
-        warm_up(evaluate, config)
-        _warm.append(config)
-    with bounded(len(candidates.n_maps), config):
-        return evaluate(candidates, config)
-
-
-_warm: list[EvolutionConfig] = []
-"""Configurations whose kernels this worker has compiled, or loaded."""
-
-
-class Island:
-    """One island; its library is a cache of what the run knows."""
-
-    def __init__(self, evaluate: Evaluate, config: EvolutionConfig, island: int, batch_size: int | None) -> None:
-        self._evaluate = evaluate
-        self._config = config
-        self._island = island
-        self._batch_size = batch_size
-        self._state: IslandState | None = None
-
-    def advance(
-        self, epoch: int, inbox: Inbox, state: IslandState | None
-    ) -> tuple[EpochRecord, tuple[SetAside, ...]] | None:
-        """The record of an epoch; None when neither memory nor argument holds the state before it."""
-        before = state if state is not None else self._state
-        if before is None or before.epoch != epoch - 1:
-            return None
-        set_aside: list[SetAside] = []
-
-        def scores_of(candidates: Candidates) -> Scores:
-            batches = split(candidates, self._batch_size)
-            scores, verdicts = evaluate_with_care(batches, self._evaluate_all, self._try_alone, self._config)
-            set_aside.extend(verdicts)
-            return scores
-
-        record = drive(advance(before, inbox, self._config, self._island, epoch), scores_of)
-        self._state = IslandState(epoch, library_after(before.library, record))
-        return record, tuple(set_aside)
-
-    def _evaluate_all(self, batches: Sequence[Candidates]) -> list[Scores | None]:
-        calls = [_EVALUATE.remote(self._evaluate, batch, self._config) for batch in batches]
-        results: list[Scores | None] = []
-        for call in calls:
-            try:
-                results.append(ray.get(call))
-            except _LOST:
-                results.append(None)
-        return results
-
-    def _try_alone(self, single: Candidates) -> Scores | Death:
-        outcome: Scores | Death = ray.get(_TRIAL.remote(self._evaluate, single, self._config))
-        return outcome
-
-
-class Writer:
-    """Makes parts durable, on the driver's node."""
-
-    def __init__(self, new_publisher: Callable[[], Any]) -> None:
-        self._publisher = new_publisher()
-        self._publisher.warm()
-
-    def ping(self) -> None:
-        """Answer."""
-
-    def publish(self, part: Part) -> PartReceipt:
-        """Commit one part."""
-        receipt: PartReceipt = self._publisher.publish(part)
-        return receipt
-
-    def store_solid(
-        self, order: MeshOrder, made: tuple[dict[str, bytes], str | None, float]
-    ) -> tuple[float, str | None]:
-        """Store what a mesh actor made; its files go straight from that actor to this one."""
-        files, failure, seconds = made
-        if failure is None:
-            self._publisher.store_solid(order, files)
-        return seconds, failure
-
-
-class Mesher:
-    """Makes solids at low priority."""
-
-    def __init__(self) -> None:
-        os.nice(_MESH_NICENESS)
-
-    def make(self, order: MeshOrder) -> tuple[dict[str, bytes], str | None, float]:
-        """The files of one solid, or why there is none, and the seconds it took."""
-        started = time.monotonic()
-        files, failure = make_solid(order)
-        return files, failure, time.monotonic() - started
-
-
-# Remote forms; Ray's decorators hide the types of what they wrap.
-_EVALUATE: Any = ray.remote(num_cpus=1, max_retries=0)(evaluate_batch)
-_TRIAL: Any = ray.remote(num_cpus=1, max_retries=-1)(trial)
-_ISLAND: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=0)(Island)
-_WRITER: Any = ray.remote(num_cpus=0, max_restarts=0)(Writer)
-_MESHER: Any = ray.remote(num_cpus=0, max_restarts=-1, max_task_retries=2)(Mesher)
 
 
 class RayExecutor:
@@ -189,6 +74,7 @@ class RayExecutor:
         self._writer: Any = None
         self._meshers: list[Any] = []
         self._pending: dict[Any, tuple[str, Any]] = {}
+        self._wardens = Wardens()
         # Kernels are compiled once and cached before many workers want them at the same time; the writer does its
         # own share meanwhile.
         with self._watched():
@@ -199,7 +85,7 @@ class RayExecutor:
         """Call the island's actor; the state travels only when the actor cannot have it."""
         with self._watched():
             if island not in self._islands:
-                self._islands[island] = _ISLAND.remote(self._evaluate, self._config, island, self._batch_size)
+                self._islands[island] = ISLAND.remote(self._evaluate, self._config, island, self._batch_size)
             known = self._memory.get(island) == epoch - 1 and epoch > 0
             call = self._islands[island].advance.remote(epoch, inbox, None if known else state)
         self._pending[call] = ("epoch", (island, epoch))
@@ -215,7 +101,7 @@ class RayExecutor:
         idle = [mesher for mesher in self._meshers if mesher not in busy]
         with self._watched():
             if not idle:
-                idle = [_MESHER.remote()]
+                idle = [MESHER.remote()]
                 self._meshers += idle
             made = idle[0].make.remote(order)
             self._pending[self._living_writer().store_solid.remote(order, made)] = ("mesh", (order, idle[0]))
@@ -229,6 +115,8 @@ class RayExecutor:
     def wait(self, timeout_s: float) -> list[Finished]:
         """Whatever is ready, without regard to order."""
         with self._watched():
+            if troubles := self._troubles():
+                return troubles
             if not self._pending:
                 time.sleep(timeout_s)
                 return []
@@ -242,15 +130,17 @@ class RayExecutor:
         """Kill the actors; results in flight are not wanted any more."""
         self._pending.clear()
         if self._cluster.lost_now() is None:
+            self._wardens.close()
             for actor in [*self._islands.values(), *self._meshers, *([self._writer] if self._writer else [])]:
                 ray.kill(actor)
 
     def _warm_up(self, candidates: Candidates) -> None:
         deadline = time.monotonic() + _WARM_UP_SECONDS
         for _ in range(_WARM_UP_TRIES):
-            call = _EVALUATE.remote(self._evaluate, candidates, self._config)
+            call = EVALUATE.remote(self._evaluate, candidates, self._config)
             while not ray.wait([call], timeout=1.0)[0]:
                 self._check_cluster()
+                self._wardens.sightings()
                 if time.monotonic() > deadline:
                     raise FarmError(
                         f"{self._cluster.name()}: no worker has evaluated anything for {_WARM_UP_SECONDS:.0f} s; "
@@ -258,7 +148,7 @@ class RayExecutor:
                     )
             try:
                 self._result(call)
-            except _LOST as error:
+            except LOST as error:
                 reason = type(error).__name__
                 self._cluster.lost_now()
                 self._check_cluster()
@@ -285,20 +175,17 @@ class RayExecutor:
 
     def _living_writer(self) -> Any:
         if self._writer is None:
-            self._writer = _WRITER.options(scheduling_strategy=self._here).remote(self._new_publisher)
+            self._writer = WRITER.options(scheduling_strategy=self._here).remote(self._new_publisher)
         return self._writer
 
     def _finished(self, call: Any, kind: str, what: Any) -> Finished:
         try:
             result = self._result(call)
-        except _LOST as error:
+        except LOST as error:
             # When a whole cluster goes, its processes go one by one.
             if self._cluster.lost_now() is not None:
                 self._check_cluster()
-            if kind == "part" or getattr(error, "actor_id", None) == self._writer_id():
-                self._writer = None
-            if kind == "epoch":
-                self._memory.pop(what[0], None)
+            self._dismiss(error, kind, what)
             return WorkLost(what[0] if kind == "mesh" else what, type(error).__name__)
         except StorageFullError as error:
             return NoRoom(what[0] if kind == "mesh" else what, str(error))
@@ -308,20 +195,36 @@ class RayExecutor:
             seconds, failure = result
             return MeshDone(what[0], seconds, failure)
         island, epoch = what
-        if result is None:
-            self._memory.pop(island, None)
-            return WorkLost(what, "its actor was restarted without the library")
         self._memory[island] = epoch
         return EpochDone(*result)
 
-    def _writer_id(self) -> str | None:
-        return self._writer._actor_id.hex() if self._writer is not None else None
+    def _troubles(self) -> list[Finished]:
+        found: list[Finished] = []
+        for sighting in self._wardens.sightings():
+            found += [Trouble(f"worker {title}", "it stood still", _AGAIN) for title in sighting.killed]
+            if sighting.spilled:
+                found.append(Trouble("object store", "it was full, and Ray wrote objects to the disk", _SPILLED))
+        return found
+
+    def _dismiss(self, error: Exception, kind: str, what: Any) -> None:
+        """Forget the actor that was lost: what comes next gets a new one. It may live on, out of reach."""
+        lost = None
+        if kind == "epoch":
+            self._memory.pop(what[0], None)
+            lost = self._islands.pop(what[0], None)
+        elif kind == "part" or (self._writer and getattr(error, "actor_id", None) == self._writer._actor_id.hex()):
+            lost, self._writer = self._writer, None
+        elif what[1] in self._meshers:
+            lost = what[1]
+            self._meshers.remove(lost)
+        if lost is not None:
+            ray.kill(lost)
 
     @staticmethod
     def _result(call: Any) -> Any:
         try:
             return ray.get(call)
-        except _LOST:
+        except LOST:
             raise
         except RayTaskError as error:
             # Ray wraps what a task raised in the text of its traceback; our own messages say more.

@@ -58,13 +58,14 @@ class Job:
     ended: float | None
 
 
-def detach(config: RunConfig, out: str, address: str | None) -> str:
+def detach(config: RunConfig, out: str, address: str | None, into: bool = False) -> str:
     """Hand a new run to a cluster and return at once.
 
     Args:
         config: what to run; it works on that cluster whatever `execution` says.
         out: absolute directory of the catalogue on the head.
         address: of the cluster's dashboard, "http://host:8265"; None for RAY_API_SERVER_ADDRESS, or this machine.
+        into: add the run to the catalogue that is there.
 
     Returns:
         The id of the job.
@@ -81,13 +82,13 @@ def detach(config: RunConfig, out: str, address: str | None) -> str:
     tree["execution"] |= {"executor": "ray", "address": "auto"}
     with tempfile.TemporaryDirectory() as directory:
         (Path(directory) / _CONFIG).write_text(json.dumps(tree))
-        words = ["farm", "submit", _CONFIG, "--out", _absolute(out)]
+        words = ["farm", "submit", _CONFIG, "--out", _absolute(out), *(["--into"] if into else [])]
         return _start(words, config.name, out, address, {"working_dir": directory})
 
 
-def detach_resume(path: str, overrides: Sequence[str], address: str | None) -> str:
-    """Hand an interrupted run to a cluster; see `detach`."""
-    words = ["farm", "resume", _absolute(path), "--address", "auto"]
+def detach_resume(path: str, run: str | None, overrides: Sequence[str], address: str | None) -> str:
+    """Hand an interrupted run, by the first digits of its id or the latest begun, to a cluster; see `detach`."""
+    words = ["farm", "resume", _absolute(path), "--address", "auto", *(["--run", run] if run else [])]
     for override in overrides:
         words += ["--set", override]
     return _start(words, PurePosixPath(path).name, path, address, {})

@@ -13,7 +13,6 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import pyarrow.compute as pc
 import yaml
 
 from fractal_farm.catalogue import Catalogue, run_is_live
@@ -30,7 +29,7 @@ from fractal_farm.farm.report.curves import (
     throughput_chart,
 )
 from fractal_farm.farm.report.document import document, section, table
-from fractal_farm.farm.run_status import failures
+from fractal_farm.farm.run_status import failures, printable
 from fractal_farm.farm.stopping import chosen_run
 
 _COLUMNS = ("design_id", "kind", "fitness", "n_maps", "gap", "epoch", "generation", "descriptor")
@@ -111,8 +110,9 @@ def _tiles(history: RunHistory, designs: Any) -> str:
     ]
     if history.config is not None:
         wall = history.config.solids.wall_mm / history.config.solids.size_mm
-        printable = int(pc.sum(pc.less_equal(designs.column("gap"), wall)).as_py() or 0)
-        tiles.append((f"{printable:,}", f"in one piece at a wall of {history.config.solids.wall_mm:g} mm"))
+        tiles.append(
+            (f"{printable(designs, wall):,}", f"in one piece at a wall of {history.config.solids.wall_mm:g} mm")
+        )
     tiles += [
         (f"{progress.best_fitness:.4f}", "best fitness"),
         (f"{len(Catalogue.open(history.root).solids()):,}", "solids"),
