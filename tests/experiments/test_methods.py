@@ -166,7 +166,7 @@ def test_what_does_not_print_covers_nothing_and_only_its_gap_is_searched():
     figures, printable = counter.figures(4)
     assert printable.number.tolist() == [1]
     assert figures == {"qualified": 4, "distinct": 2, "printable": 1, "crisp": 1, "three_maps": 0.0}
-    assert sorted(counter.gaps) == [0, 1, 3]
+    assert sorted(counter.gaps) == [0, 1, 3]  # not that of what the second covers
     assert counter.figures(1)[0] == {"qualified": 1, "distinct": 1, "printable": 0, "crisp": 0, "three_maps": None}
 
 
