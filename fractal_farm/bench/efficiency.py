@@ -101,8 +101,9 @@ def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any)
 
     def evaluate(candidates: Candidates) -> Scores:
         scores = evaluate_candidates(candidates, config)
-        known = np.isfinite(scores.values[:, SCORE_FIELDS.index("fitness")])
-        scored.append(Candidates(candidates.genes[known], candidates.n_maps[known]))
+        if candidates.wanted in ("printable", "scores"):
+            known = np.isfinite(scores.values[:, SCORE_FIELDS.index("fitness")])
+            scored.append(Candidates(candidates.genes[known], candidates.n_maps[known]))
         return scores
 
     states = {island: founding_state(config) for island in islands}
