@@ -351,7 +351,8 @@ def test_the_command_prints_what_was_found(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_workers_end_with_the_command_and_another_goes_on(tmp_path):
-    command = [sys.executable, "-m", "fractal_farm.cli", "experiment", "methods", "--out", str(tmp_path / "new")]
+    program = "import sys; from fractal_farm.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, "experiment", "methods", "--out", str(tmp_path / "new")]
     command += ["--methods", "best,random", "--evaluations", "40000", "--seeds", "1", "--workers", "2"]
     process = subprocess.Popen(command, start_new_session=True)
     runs = tmp_path / "new" / "runs"
