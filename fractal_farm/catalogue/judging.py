@@ -104,6 +104,10 @@ def with_judgements(root: Path, designs: Any) -> Any:
         FarmError: a judgement is damaged.
     """
     found = judgements(root)
+    if not found:  # as a rule; whatever makes an Arrow array of Python's values imports pandas first
+        bits = pa.py_buffer(bytes(len(designs) // 8 + 1))
+        unsaid = pa.Array.from_buffers(pa.bool_(), len(designs), [None, bits])
+        return designs.append_column("stars", pa.nulls(len(designs), pa.int8())).append_column("favourite", unsaid)
     place = pc.index_in(designs.column("design_id"), pa.array(list(found), pa.string()))
     stars = pa.array([judgement.stars for judgement in found.values()], pa.int8())
     favourite = pa.array([judgement.favourite for judgement in found.values()], pa.bool_())

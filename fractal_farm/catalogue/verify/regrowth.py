@@ -28,7 +28,6 @@ from fractal_farm.catalogue.shards import (
 )
 from fractal_farm.catalogue.verify.contents import Contents
 from fractal_farm.errors import FarmError
-from fractal_farm.ifs.quantised_cloud import QuantisedClouds, quantised_attractors
 
 
 def regrow(contents: Contents, key: str, before: bytes | None) -> tuple[dict[str, bytes], int]:
@@ -71,6 +70,8 @@ def _metadata(writer: str, array: str, n_points: int) -> bytes:
 
 def _chunk(rows: list[dict[str, Any]], array: str, shard: int, before: bytes | None) -> tuple[bytes, list[str]]:
     """The chunk of an array, and the ids of the designs whose clouds are lost."""
+    from fractal_farm.ifs.quantised_cloud import QuantisedClouds, quantised_attractors
+
     n_points = rows[0]["n_points"]
     points = np.zeros((len(rows), n_points, 3), np.uint16)
     lost = []
