@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Experiments of many runs, each with a report: methods.", no_args_is_help=True)
 
+_PRESETS = "niches, niches-one, paper, best, best-plain, random, random-plain"
 _FIRST_INTERVAL_S, _LAST_INTERVAL_S = 5.0, 60.0
 
 
@@ -34,7 +35,11 @@ def methods(
     evaluations: Annotated[int, typer.Option(min=100, max=1_000_000_000, help="Of each run.")] = 20_000,
     names: Annotated[
         str,
-        typer.Option("--methods", metavar="NAME,...", help="Of niches, paper, best, best-plain, random, random-plain."),
+        typer.Option(
+            "--methods",
+            metavar="NAME,...",
+            help=f"Of {_PRESETS}.",
+        ),
     ] = "niches,paper,best,random",
     workers: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Processes; default: the cores.", show_default=False)
@@ -54,8 +59,9 @@ def methods(
         print_json(report)
         return
     _print(report)
-    for aim in report["aims"]:
-        typer.echo(aim["text"])
+    for text in [*(aim["text"] for aim in report["aims"]), report["in_seconds"]]:
+        if text is not None:
+            typer.echo(text)
     say(f"the report: {out / 'report.html'}")
 
 

@@ -23,7 +23,16 @@ from fractal_farm.experiments.methods import compare, trial
 from fractal_farm.experiments.methods.course import Course, Finds
 from fractal_farm.experiments.methods.presets import PRESETS, Preset
 from fractal_farm.experiments.methods.remeasured import PRINTS, Counter, Measured, joined, measured_again
-from fractal_farm.experiments.methods.verdict import AIMS, Aim, factors, held_against, ratio, spread, summary
+from fractal_farm.experiments.methods.verdict import (
+    AIMS,
+    Aim,
+    factors,
+    held_against,
+    in_seconds,
+    ratio,
+    spread,
+    summary,
+)
 from fractal_farm.farm.work import evaluate_candidates
 from fractal_farm.ifs.gap import gap
 from fractal_farm.ifs.genome import Genome, Phenotype
@@ -157,7 +166,7 @@ def test_what_does_not_print_covers_nothing_and_only_its_gap_is_searched():
     figures, printable = counter.figures(4)
     assert printable.number.tolist() == [1]
     assert figures == {"qualified": 4, "distinct": 2, "printable": 1, "crisp": 1, "three_maps": 0.0}
-    assert sorted(counter.gaps) == [0, 1, 3]
+    assert sorted(counter.gaps) == [0, 1, 3]  # not that of what the second covers
     assert counter.figures(1)[0] == {"qualified": 1, "distinct": 1, "printable": 0, "crisp": 0, "three_maps": None}
 
 
@@ -266,6 +275,12 @@ def test_aims_are_held_against_the_means():
     assert "missed by 2.5 points" in held_against(AIMS, methods)[2]["text"]
     assert held_against([Aim(1_000_000, 5.0, "paper")], methods) == []
     assert held_against(AIMS, {"paper": methods["paper"]}) == []
+
+
+def test_processor_time_is_told_beside_evaluations():
+    methods = {"niches": summary(results(1000)), "paper": summary(results(100, 400)), "best": summary(results(0))}
+    assert in_seconds(methods) == "In processor time one costs niches 10.0 ms; paper 62.5 ms, 6.2 times as much."
+    assert in_seconds({"paper": methods["paper"]}) is None
 
 
 def test_factors_multiply_to_the_ratio():

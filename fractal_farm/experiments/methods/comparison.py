@@ -44,7 +44,7 @@ _DECIDING = (
     "evolution/*.py",
     "farm/work.py",
 )
-_HERE = ("presets.py", "course.py", "remeasured.py", "trial.py")
+_HERE = ("course.py", "remeasured.py", "trial.py")
 _ABOUT = "experiment.json"
 _LOOK_SECONDS = 1.0
 
@@ -88,7 +88,7 @@ def compare(
         tell: hears every second or so how far it is.
 
     Returns:
-        What results.json holds: `methods`, `ratios`, `aims`, and what it was made with.
+        What results.json holds: `methods`, `ratios`, `aims`, `in_seconds`, and what it was made with.
 
     Raises:
         InputError: the directory holds something else, or an experiment with other sources, or somebody works on it.
@@ -119,6 +119,7 @@ def compare(
         "ratios": verdict.ratios(summaries),
         "strongest_plain": verdict.strongest_plain(summaries),
         "aims": verdict.held_against(verdict.AIMS, summaries),
+        "in_seconds": verdict.in_seconds(summaries),
         "made_with": {**read_document(root / _ABOUT), **asdict(this_machine())},
     }
     put(root / "results.json", json.dumps(report, indent=2, allow_nan=False).encode() + b"\n")

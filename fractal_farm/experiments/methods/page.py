@@ -88,6 +88,8 @@ def _verdict(report: Report) -> str:
     winner = max(last, key=lambda name: last[name])
     remark = "the default" if winner == DEFAULT else f"not the default, which is {DEFAULT}"
     lines.append(f"{winner} finds most designs of the kind ({last[winner]:,.0f}): {remark}.")
+    if report["in_seconds"] is not None:
+        lines.append(report["in_seconds"])
     return "".join(f"<p>{escape(line)}</p>" for line in lines)
 
 

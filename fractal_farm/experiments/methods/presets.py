@@ -29,12 +29,14 @@ class Preset:
         return RunConfig.from_dict({"name": self.name, "evolution": {**self.evolution, "seed": seed}}, self.name)
 
 
-_ONE_POPULATION = {"islands": 1, "migration": {"topology": "isolated"}, "similarity_dimension": None}
+_ONE_ISLAND = {"islands": 1, "migration": {"topology": "isolated"}}
+_ONE_POPULATION = {**_ONE_ISLAND, "similarity_dimension": None}
 
 PRESETS = {
     preset.name: preset
     for preset in (
         Preset("niches", "the default: an archive of distinct designs on each of eight islands", {"method": "niches"}),
+        Preset("niches-one", "the same with one archive for all", {**_ONE_ISLAND, "method": "niches"}),
         Preset(
             "paper",
             "the paper's algorithm, as in configs/paper.yaml: a library that grows, one population",

@@ -148,6 +148,19 @@ def held_against(aims: Sequence[Aim], summaries: Mapping[str, Summary]) -> list[
     return verdicts
 
 
+def in_seconds(summaries: Mapping[str, Summary]) -> str | None:
+    """What a design of the headline costs in processor time, the default first; None without the default."""
+    costs = {name: own[-1]["cpu_s_each"]["mean"] for name, own in summaries.items()}
+    if (ours := costs.pop(DEFAULT, None)) is None:
+        return None
+    others = [f"{name} {1000.0 * cost:.1f} ms, {cost / ours:.1f} times as much" for name, cost in costs.items() if cost]
+    return (
+        f"In processor time one costs {DEFAULT} {1000.0 * ours:.1f} ms"
+        + "".join(f"; {other}" for other in others)
+        + "."
+    )
+
+
 def _ratio(aim: Aim, other: str, found: Mapping[str, Any], mean: float) -> dict[str, Any]:
     reached = found["mean"] >= aim.least
     if not reached:
