@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from fractal_farm import farm
-from fractal_farm.catalogue import Catalogue, committed_records, committed_until, run_lock
+from fractal_farm.catalogue import Catalogue, committed_records, committed_until, judge, judgements, run_lock
 from fractal_farm.catalogue.schema import ORDER_OF_BIRTH
+from fractal_farm.catalogue.steering import bind_wishes, record_wish, steering_requests
 from fractal_farm.catalogue.verify import verify
 from fractal_farm.distinctness import DistinctSet, signatures
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.farm.merging import merge
+from fractal_farm.hand.keeping import keep
+from fractal_farm.ifs.genome import Genome
 from tests.farm.runs import small_config
 
 LONG, LONGER = "stop.epochs=6", "stop.epochs=7"
@@ -132,3 +135,39 @@ def test_what_does_not_fit_together_is_refused_and_leaves_nothing(sources, tmp_p
     with pytest.raises(InputError, match="lies in"):
         merge(stricter / "out", [stricter])
     assert os.listdir(tmp_path) == ["stricter"]  # noqa: PTH208
+
+
+def test_what_people_made_and_said_is_there_and_what_was_said_last_counts(sources, tmp_path):
+    first, other = (Path(shutil.copytree(sources[k], tmp_path / str(k))) for k in (0, 3))
+    ids = [Catalogue.open(root).select(["design_id"], limit=2)[0].column(0).to_pylist() for root in (first, other)]
+    variants = []
+    for root, (identity, _) in zip((first, other), ids, strict=True):
+        genome = Catalogue.open(root).genome(identity)
+        variants.append(Genome(genome.genes * 0.99, genome.phenotype))
+        keep(root, variants[-1:], [identity])
+    judge(first, ids[0], stars=2)
+    judge(other, [ids[0][0], ids[1][0]], stars=4, favourite=True)
+    judge(first, ids[0][1:], stars=5)
+    merge(tmp_path / "out", [other, first])
+    found = judgements(tmp_path / "out")
+    assert {identity: str(judgement) for identity, judgement in found.items()} == {
+        ids[0][0]: "4 stars, favourite",
+        ids[0][1]: "5 stars",
+        ids[1][0]: "4 stars, favourite",
+    }
+    catalogue = Catalogue.open(tmp_path / "out")
+    assert {variant.design_id for variant in variants} <= ids_of(catalogue)
+    assert not [finding for finding in verify(tmp_path / "out", "deep").findings if finding.damage]
+
+
+def test_a_run_that_was_steered_in_two_ways_is_refused(sources, tmp_path):
+    run_id = small_config().run_id
+    roots = [Path(shutil.copytree(sources[0], tmp_path / str(k))) for k in (1, 2, 3)]
+    best, second = Catalogue.open(sources[0]).select(["design_id"], limit=2)[0].column(0).to_pylist()
+    for root, identity in zip(roots[1:], (best, second), strict=True):
+        record_wish(root, run_id, [Catalogue.open(root).genome(identity)])
+        bind_wishes(root, run_id, 4)
+    merge(tmp_path / "one", roots[:2])
+    assert len(steering_requests(tmp_path / "one", run_id)) == 1
+    with pytest.raises(InputError, match=r"was steered in .* otherwise than in"):
+        merge(tmp_path / "both", roots)
