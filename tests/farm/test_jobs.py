@@ -83,7 +83,7 @@ def written(tmp_path, *overrides):
 @pytest.mark.slow
 def test_a_run_is_handed_over_stopped_resumed_and_ends_with_the_digest_of_one_process(cluster, tmp_path):
     out = tmp_path / "run"
-    config = written(tmp_path, "stop.epochs=100000")
+    config = written(tmp_path, "stop.epochs=10000")
     job = command(cluster, "submit", str(config), "--out", str(out), "--detach").stdout.strip()
     # The cluster works, while this process only looks at the files.
     deadline = time.monotonic() + 120

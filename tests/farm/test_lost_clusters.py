@@ -129,7 +129,7 @@ def head(tmp_path_factory):
 def test_a_cluster_whose_head_dies_ends_the_run_with_a_line_and_it_can_be_resumed(tmp_path, head, victims):
     address, family = head
     path = tmp_path / "run"
-    process = _child(path, 100_000, address)
+    process = _child(path, 10_000, address)
     _until(process, "part")
     writers = [child for child in psutil.process_iter() if _title(child).startswith("ray::Writer")]
     for member in family:
@@ -184,7 +184,7 @@ def test_the_servers_of_a_live_cluster_answer(ray_cluster):
 def test_a_writer_that_outlives_its_driver_may_not_write_after_a_resumed_run(tmp_path, head):
     address, _ = head
     path = tmp_path / "run"
-    process = _child(path, 100_000, address)
+    process = _child(path, 10_000, address)
     _until(process, "part")
     writer = next(child for child in psutil.process_iter() if _title(child).startswith("ray::Writer"))
     # It stands still, so that Ray cannot end it with its driver, and wakes when another session has taken over.
