@@ -19,6 +19,7 @@ from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, library_after
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.executor import Inbox
+from fractal_farm.farm.on_ray.orphans import Nodes
 from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
 from fractal_farm.farm.work import Evaluate, MeshOrder, Part, PartReceipt, SetAside, make_solid, split, warm_up
 
@@ -50,6 +51,7 @@ class Island:
         self._island = island
         self._batch_size = batch_size
         self._state: IslandState | None = None
+        self._nodes = Nodes()
 
     def advance(self, epoch: int, inbox: Inbox, state: IslandState | None) -> tuple[EpochRecord, tuple[SetAside, ...]]:
         """The record of an epoch, from the state before it, or from memory if that is None."""
@@ -71,6 +73,7 @@ class Island:
     def _evaluate_all(self, batches: Sequence[Candidates]) -> list[Scores | None]:
         calls = [EVALUATE.remote(self._evaluate, batch, self._config) for batch in batches]
         results: list[Scores | None] = []
+        self._await(calls)
         for call in calls:
             try:
                 results.append(ray.get(call))
@@ -79,8 +82,15 @@ class Island:
         return results
 
     def _try_alone(self, single: Candidates) -> Scores | Death:
-        outcome: Scores | Death = ray.get(TRIAL.remote(self._evaluate, single, self._config))
+        call = TRIAL.remote(self._evaluate, single, self._config)
+        self._await([call])
+        outcome: Scores | Death = ray.get(call)
         return outcome
+
+    def _await(self, calls: list[Any]) -> None:
+        """Until all are there; an orphan ends, and the run goes on with a new actor."""
+        if not self._nodes.outlived(calls):
+            ray.actor.exit_actor()
 
 
 class Writer:
