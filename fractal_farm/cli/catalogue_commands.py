@@ -232,7 +232,7 @@ def _chosen(columns: str | None, form: Format, table: Any) -> list[str]:
     for name in chosen:
         if name not in known:
             raise InputError(f"--columns: unknown column {name!r}; the columns are {', '.join(_all_columns())}")
-    return chosen
+    return list(dict.fromkeys(chosen))
 
 
 def _encoded(table: Any, form: Format) -> bytes:
