@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.compute as pc
 
-from fractal_farm.catalogue import Catalogue, committed_records, committed_until, latest_snapshot
-from fractal_farm.catalogue.parts import read_commits, read_of_parts
+from fractal_farm.catalogue import Catalogue, committed_records, committed_until, last_epoch, latest_snapshot
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.config import RunConfig
@@ -59,7 +58,7 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
                 outbox.append((record.island, record.epoch, state.library[record.emigrants]))
     migration = evolution.migration
     links = sources(migration.topology, evolution.islands, migration.degree, evolution.seed)
-    schedule = Schedule(links, lag, states)
+    schedule = Schedule(links, lag, states, last_epoch(root, config.run_id))
     for island, epoch, leaving in outbox:
         if epoch > last - lag:
             schedule.remember(island, epoch, leaving)
@@ -107,14 +106,3 @@ def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
         if row["design_id"] not in made:
             queue.offer(MeshOrder(genome_of(row), parameters, settings.formats), row["fitness"], row["gap"])
     return queue
-
-
-def last_epoch(root: Path, run_id: str) -> int:
-    """The last committed epoch of a run; -1 before the first."""
-    return read_of_parts(
-        root,
-        run_id,
-        lambda parts: max(
-            (commit.epochs[1] for part in parts for commit in read_commits(root, part, records=False)), default=-1
-        ),
-    )

@@ -13,6 +13,7 @@ from fractal_farm.catalogue import (
     Catalogue,
     begin_run,
     is_unbegun,
+    last_epoch,
     record_end,
     remove_orphans,
     run_ids,
@@ -31,7 +32,7 @@ from fractal_farm.farm.interrupts import interrupts
 from fractal_farm.farm.mirroring import check_mirror, mirroring
 from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.report import write_report
-from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
+from fractal_farm.farm.restore import known_shapes, mesh_queue, restore
 from fractal_farm.farm.run import Run
 from fractal_farm.farm.sheet import write_sheet
 from fractal_farm.farm.stopping import chosen_run, stop_requested, withdraw_stop
