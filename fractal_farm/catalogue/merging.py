@@ -22,6 +22,7 @@ import pyarrow as pa
 from fractal_farm.catalogue.compaction import LARGE_ROWS, best_first
 from fractal_farm.catalogue.documents import encoded_document, opened_document
 from fractal_farm.catalogue.durable import new_directory, put
+from fractal_farm.catalogue.identities import id_array
 from fractal_farm.catalogue.layout import (
     DESIGNS,
     HAND,
@@ -44,7 +45,7 @@ from fractal_farm.catalogue.parts import (
 from fractal_farm.catalogue.reader import Catalogue
 from fractal_farm.catalogue.records import last_epoch
 from fractal_farm.catalogue.runs import read_run, run_ends, run_ids, run_is_live
-from fractal_farm.catalogue.scan import Places, Rows, id_words
+from fractal_farm.catalogue.scan import Places, Rows
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS
 from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.catalogue.signatures import row_signatures
@@ -246,14 +247,14 @@ class _Marks:
     def __init__(self, rows: Rows) -> None:
         places = rows.best_first(rows.standing(ancestors=False))
         first = first_of_each_shape(_signatures(rows, places))
-        digits = id_words(rows.read(["design_id"]).column(0))[places].view("S32").ravel()
+        digits = id_array(rows.read(["design_id"]).column(0))[places]
         order = np.argsort(digits)
         self._ids, self._first = digits[order], first[order]
         self.designs, self.distinct = len(places), int(first.sum())
 
     def of(self, table: Any) -> Any:
         """The column for a table of the manifest; null for ancestors."""
-        digits = id_words(table.column("design_id")).view("S32").ravel()
+        digits = id_array(table.column("design_id"))
         place = np.searchsorted(self._ids, digits)
         ancestor = np.array([kind != KINDS[0] for kind in table.column("kind").to_pylist()], bool)
         marked = np.zeros(len(digits), bool)
