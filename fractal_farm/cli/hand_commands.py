@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fractal_farm.cli.catalogue_commands import DirectoryArgument
+from fractal_farm.cli.catalogue_commands import DirectoryArgument, IdsArgument
 from fractal_farm.cli.output import AsJson, print_facts, print_json, print_table, results_only_on_stdout, say
 from fractal_farm.cli.run_commands import (
     AddressOption,
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from fractal_farm.catalogue import Judgement
 
 _LIKES_SHOWN = 5
-
-IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs, or the first digits of their ids.")]
 
 
 def rate(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from fractal_farm.catalogue import (
     what_is_there,
 )
 from fractal_farm.catalogue.compaction import compact
+from fractal_farm.catalogue.durable import check_place
 from fractal_farm.catalogue.parts import list_parts
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
@@ -298,12 +298,6 @@ def _check_target(out: Path, config: RunConfig, into: bool) -> None:
         if config.run_id in run_ids(out):
             raise InputError(f"{out}: run {config.run_id} is in this catalogue already; `farm resume {out}`")
         return
-    place = out.absolute()
-    while not place.exists():
-        place = place.parent
-    if not place.is_dir():
-        raise InputError(f"{out}: {place} is a file; choose another --out")
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise InputError(f"{out}: {place} is not writable; choose another --out")
+    check_place(out)
     if out.exists() and not is_unbegun(out):
         raise InputError(f"{out}: {what_is_there(out)}")

@@ -137,6 +137,8 @@ def test_what_does_not_fit_together_is_refused_and_leaves_nothing(sources, tmp_p
         merge(tmp_path / "out", [stricter, tmp_path / "nowhere"])
     with pytest.raises(InputError, match="lies in"):
         merge(stricter / "out", [stricter])
+    with pytest.raises(InputError, match="is a file; name another place"):
+        merge(stricter / "zarr.json" / "out", [stricter])
     assert os.listdir(tmp_path) == ["stricter"]  # noqa: PTH208
 
 
