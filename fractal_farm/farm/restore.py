@@ -72,12 +72,16 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     return schedule, progress, elapsed_s
 
 
-def known_shapes(config: RunConfig, root: Path) -> DistinctSet:
-    """The shapes that the committed part of a run has found: those of its published designs, in the order of birth."""
+def known_shapes(config: RunConfig, root: Path, until: int) -> DistinctSet:
+    """The shapes that a run has found up to an epoch: those of its published designs, in the order of birth.
+
+    What was committed beyond a lost part is born again, and must find the same shapes new.
+    """
     shapes = DistinctSet(np.zeros((0, LENGTH)))
     columns = ["epoch", "island", "generation", "slot", "fitness", "d0", "d2", "descriptor"]
     designs = Catalogue.open(root).designs(columns, config.run_id)
-    designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
+    qualified = pc.greater(designs.column("fitness"), config.evolution.qualified)
+    designs = designs.filter(pc.and_(qualified, pc.less_equal(designs.column("epoch"), until)))
     designs = designs.sort_by([(name, "ascending") for name in columns[:4]])
     if len(designs):
         descriptors = np.array(designs.column("descriptor").to_pylist(), np.float32)

@@ -251,7 +251,7 @@ def _stretch(
             executor,
             schedule,
             progress,
-            known_shapes(config, root),
+            known_shapes(config, root, schedule.complete),
             queue,
             announce,
             why_end,
