@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.compute as pc
 
-from fractal_farm.catalogue import Catalogue, committed_records, committed_until, latest_snapshot
-from fractal_farm.catalogue.parts import read_commits, read_of_parts
+from fractal_farm.catalogue import Catalogue, committed_records, committed_until, last_epoch, latest_snapshot
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.config import RunConfig
@@ -59,7 +58,7 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
                 outbox.append((record.island, record.epoch, state.library[record.emigrants]))
     migration = evolution.migration
     links = sources(migration.topology, evolution.islands, migration.degree, evolution.seed)
-    schedule = Schedule(links, lag, states)
+    schedule = Schedule(links, lag, states, last_epoch(root, config.run_id))
     for island, epoch, leaving in outbox:
         if epoch > last - lag:
             schedule.remember(island, epoch, leaving)
@@ -73,12 +72,16 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     return schedule, progress, elapsed_s
 
 
-def known_shapes(config: RunConfig, root: Path) -> DistinctSet:
-    """The shapes that the committed part of a run has found: those of its published designs, in the order of birth."""
+def known_shapes(config: RunConfig, root: Path, until: int) -> DistinctSet:
+    """The shapes that a run has found up to an epoch: those of its published designs, in the order of birth.
+
+    What was committed beyond a lost part is born again, and must find the same shapes new.
+    """
     shapes = DistinctSet(np.zeros((0, LENGTH)))
     columns = ["epoch", "island", "generation", "slot", "fitness", "d0", "d2", "descriptor"]
     designs = Catalogue.open(root).designs(columns, config.run_id)
-    designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
+    qualified = pc.greater(designs.column("fitness"), config.evolution.qualified)
+    designs = designs.filter(pc.and_(qualified, pc.less_equal(designs.column("epoch"), until)))
     designs = designs.sort_by([(name, "ascending") for name in columns[:4]])
     if len(designs):
         descriptors = np.array(designs.column("descriptor").to_pylist(), np.float32)
@@ -107,14 +110,3 @@ def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
         if row["design_id"] not in made:
             queue.offer(MeshOrder(genome_of(row), parameters, settings.formats), row["fitness"], row["gap"])
     return queue
-
-
-def last_epoch(root: Path, run_id: str) -> int:
-    """The last committed epoch of a run; -1 before the first."""
-    return read_of_parts(
-        root,
-        run_id,
-        lambda parts: max(
-            (commit.epochs[1] for part in parts for commit in read_commits(root, part, records=False)), default=-1
-        ),
-    )

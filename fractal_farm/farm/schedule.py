@@ -28,13 +28,16 @@ class Schedule:
         steering: (first epoch, last epoch, designs to breed from), in the order of the requests.
     """
 
-    def __init__(self, sources: list[tuple[int, ...]], lag: int, state: dict[int, IslandState]) -> None:
+    def __init__(
+        self, sources: list[tuple[int, ...]], lag: int, state: dict[int, IslandState], committed: int = -1
+    ) -> None:
         """Start from the state of each island after the same epoch.
 
         Args:
             sources: islands that each island receives from.
             lag: epochs that migrants travel.
             state: state of every island, all after the same epoch (-1: not founded).
+            committed: the last epoch that any session has committed; beyond that of the states if a part was lost.
         """
         self.sources = sources
         self.lag = lag
@@ -42,6 +45,7 @@ class Schedule:
         self.complete = min(entry.epoch for entry in state.values())
         self.last_epoch: int | None = None
         self.steering: list[tuple[int, int, Designs]] = []
+        self._committed = committed
         self._running: set[int] = set()
         self._outbox: dict[tuple[int, int], Designs] = {}
         self._records: dict[int, dict[int, EpochRecord]] = defaultdict(dict)
@@ -56,8 +60,10 @@ class Schedule:
         self.steering.append((first, last, chosen))
 
     def unbegun(self) -> int:
-        """The first epoch that no island has begun."""
-        return 1 + max(state.epoch + (island in self._running) for island, state in self.state.items())
+        """The first epoch that no island has begun, and no part holds, not even one beyond a lost part."""
+        return 1 + max(
+            self._committed, *(state.epoch + (island in self._running) for island, state in self.state.items())
+        )
 
     def ready(self) -> list[tuple[int, int]]:
         """(island, epoch) pairs whose dependencies are met, oldest epoch first."""

@@ -13,10 +13,9 @@ import psutil
 import pytest
 
 from fractal_farm import farm
-from fractal_farm.catalogue import run_ids
+from fractal_farm.catalogue import last_epoch, run_ids
 from fractal_farm.cli import main
 from fractal_farm.farm.on_ray import extras
-from fractal_farm.farm.restore import last_epoch
 from tests.farm.runs import small_config
 from tests.farm.test_metrics import free_port
 

@@ -12,10 +12,13 @@ import pytest
 
 from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue
+from fractal_farm.catalogue.layout import DESIGNS
+from fractal_farm.catalogue.parts import epochs_of, list_parts, read_commits
 from fractal_farm.catalogue.steering import bind_wishes, record_wish, steering_requests
 from fractal_farm.catalogue.verify import verify
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.farm.events import EpochCompleted, Steered
+from fractal_farm.farm.restore import restore
 from fractal_farm.hand.keeping import keep
 from fractal_farm.hand.steering import steer
 from fractal_farm.ifs.genome import Genome
@@ -88,6 +91,18 @@ def test_a_steered_run_that_is_interrupted_equals_one_that_is_not(begun, steered
     shutil.rmtree(path / "snapshots")
     farm.resume(path, overrides=["stop.epochs=6"], executor="serial")
     assert farm.resume(path, overrides=["stop.epochs=8"], executor="serial").ended.digest == steered_run[1]
+
+
+def test_a_request_begins_beyond_the_parts_that_follow_a_lost_one(tmp_path):
+    path, config = tmp_path / "run", small_config("stop.epochs=2")
+    farm.submit(config, path, executor="serial")
+    for epochs in (4, 6):
+        farm.resume(path, overrides=[f"stop.epochs={epochs}"], executor="serial")
+    lost = next(name for name in list_parts(path) if epochs_of(read_commits(path, name))[1] == 3)
+    (path / DESIGNS / lost.file_name).unlink()
+    schedule, *_ = restore(config, path)
+    assert schedule.complete < 3
+    assert schedule.unbegun() == 6
 
 
 def test_a_steered_run_that_is_killed_equals_one_that_is_not(begun, steered_run, tmp_path):

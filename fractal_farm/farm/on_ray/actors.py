@@ -100,9 +100,6 @@ class Writer:
         self._publisher = new_publisher()
         self._publisher.warm()
 
-    def ping(self) -> None:
-        """Answer."""
-
     def publish(self, part: Part) -> PartReceipt:
         """Commit one part."""
         receipt: PartReceipt = self._publisher.publish(part)
