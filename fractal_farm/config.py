@@ -120,6 +120,13 @@ class NichesConfig(Section):
     foreseen_distance: float | None = Field(
         1.0, gt=0, le=10, description="how far from all members a candidate's shape must be foreseen; null: anywhere"
     )
+    fullness: float | None = Field(
+        1.35,
+        gt=0,
+        le=4,
+        description="D0 + thickness / 2 from which on a design is more than a bare line, thickness being the smallest "
+        "over the largest principal standard deviation; null: lines, too",
+    )
     crossover: Probability = Field(0.3, description="share of offspring that are crossed")
     probabilities: Annotated[tuple[Probability, ...], Strict(False), Field(min_length=1, max_length=16)] = Field(
         (0.05, 0.15, 0.5), description="probabilities of an allele's mutation; each offspring draws one"

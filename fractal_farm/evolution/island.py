@@ -30,6 +30,7 @@ from fractal_farm.evolution.epoch import (
     Scores,
     founding_state,
 )
+from fractal_farm.evolution.fullness import is_full
 from fractal_farm.evolution.migration import emigrants
 from fractal_farm.evolution.offspring import Brood, founders, offspring
 from fractal_farm.evolution.screening import evaluated, screened_founders, screened_offspring
@@ -175,9 +176,13 @@ def _generation(
 def _enter(
     work: WorkingSpace, archive: Archive, scored: Designs, config: EvolutionConfig
 ) -> Generator[Candidates, Scores, Designs]:
-    """The distinct among the qualified enter the archive, with their gap or a bound of it; those that did."""
-    qualified = scored[scored["fitness"] > config.qualified]
-    offered = without_repeats(_identified(qualified, config), archive.library)
+    """The distinct among the qualified enter the archive, with their gap or a bound of it; those that did.
+
+    Bare lines stay out, unless they were given as seeds.
+    """
+    qualified = scored["fitness"] > config.qualified
+    welcome = is_full(scored["d0"], scored["descriptor"], config) | (scored["operator"] == Operator.SEED)
+    offered = without_repeats(_identified(scored[qualified & welcome], config), archive.library)
     entered, rivals = archive.sift(offered)
     asked = offered[entered + [index for index, _ in rivals]]
     unknown = np.isnan(asked["gap"])

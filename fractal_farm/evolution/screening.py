@@ -1,8 +1,9 @@
 """Which of many drawn genomes are evaluated, with niches: those that closed forms speak for, and that print.
 
 Of `DRAWS` genomes a slot takes the first whose similarity dimension is in range, whose fitness is expected to qualify,
-and whose shape is foreseen to be unlike all members of the archive and all candidates before it. If its gap turns out
-too wide, the slot is drawn for again. What is foreseen decides who is evaluated, never what is kept.
+and whose shape is foreseen to be more than a bare line, and unlike all members of the archive and all candidates before
+it. If its gap turns out too wide, the slot is drawn for again. What is foreseen decides who is evaluated, never what is
+kept.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from fractal_farm.config import EvolutionConfig
 from fractal_farm.distinctness import DistinctSet, signatures
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
 from fractal_farm.evolution.epoch import Candidates, Scores, Wanted
+from fractal_farm.evolution.fullness import is_full
 from fractal_farm.evolution.offspring import Brood, Slots, draws, joined, planted, selected
 
 DRAWS = 16
@@ -118,14 +120,18 @@ def _promising(
 
 
 def _worthwhile(foreseen: Scores, config: EvolutionConfig) -> npt.NDArray[np.bool_]:
-    """(B,) bool: similarity dimension in range, and as good as it must be expected to be."""
+    """(B,) bool: similarity dimension in range, as good as it must be expected to be, and no bare line.
+
+    The D0 of a cloud tells of those parts that random iteration reaches: the D2 of closed forms foresees it better
+    (standard deviation .07 for what is nearly a line) than their D0 does (.13).
+    """
     good: npt.NDArray[np.bool_] = foreseen.refusals == 0
     if config.similarity_dimension is not None:
         low, high = config.similarity_dimension
         good &= (foreseen.values[:, _D0] >= low) & (foreseen.values[:, _D0] <= high)
     if config.niches.expected_fitness is not None:
         good &= foreseen.values[:, _FITNESS] >= config.niches.expected_fitness
-    return good
+    return good & is_full(foreseen.values[:, _D2], foreseen.descriptors, config)
 
 
 def _marks(foreseen: Scores) -> npt.NDArray[np.float32]:

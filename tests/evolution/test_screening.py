@@ -59,7 +59,7 @@ def test_what_is_like_a_member_is_not_evaluated():
 
 
 def test_any_shape_and_any_gap_will_do_when_so_configured():
-    settings = config(foreseen_distance=None, gap_attempts=0)
+    settings = config(foreseen_distance=None, gap_attempts=0, fullness=None)
     brood, _ = driven(screened_offspring(NOBODY, settings, 0, 1, 0, 64), settings)
     assert len(brood.slots) > 60
     assert max(gap(genome) for genome in genomes_of(brood)) > settings.niches.gap
