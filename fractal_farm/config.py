@@ -23,7 +23,7 @@ from fractal_farm.untrusted import Section, explain, override_value, read_yaml, 
 
 __all__ = ["RunConfig", "load_genomes"]
 
-IDENTITY_VERSION = 3
+IDENTITY_VERSION = 4
 MIRROR_URL = r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[A-Za-z0-9_][A-Za-z0-9_.~=+-]*)*/?"
 
 Probability = Annotated[float, Field(ge=0, le=1)]

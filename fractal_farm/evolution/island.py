@@ -22,6 +22,7 @@ from fractal_farm.evolution.designs import (
     without_repeats,
 )
 from fractal_farm.evolution.epoch import (
+    ELSEWHERE,
     STEERED,
     Candidates,
     EpochRecord,
@@ -33,7 +34,7 @@ from fractal_farm.evolution.epoch import (
 from fractal_farm.evolution.fullness import is_full
 from fractal_farm.evolution.migration import emigrants
 from fractal_farm.evolution.offspring import Brood, founders, offspring
-from fractal_farm.evolution.screening import evaluated, screened_founders, screened_offspring
+from fractal_farm.evolution.screening import ForeseenShapes, evaluated, screened_founders, screened_offspring
 from fractal_farm.ifs.genome import design_id
 
 _GAP = SCORE_FIELDS.index("gap")
@@ -52,8 +53,9 @@ def advance(
 
     Args:
         state: the island after epoch - 1.
-        inbox: (source island, emigrants) for each source, in index order; (`STEERED`, designs) for those that somebody
-            wants it to breed from, which arrive in the epoch that is their birth place's.
+        inbox: (source island, emigrants) for each source, in index order; (`ELSEWHERE`, finds) of other islands;
+            (`STEERED`, designs) for those that somebody wants it to breed from, which arrive in the epoch that is
+            their birth place's.
         config: the evolution section of the run's configuration.
         island: index of the island.
         epoch: number of the epoch, from 0; epoch 0 also founds the library.
@@ -71,10 +73,11 @@ def advance(
         brood = founders(config, island) if work.archive is None else (yield from screened_founders(config, island))
         scores = yield from evaluated(brood)
         yield from _found(work, brood, scores, config, island)
-    migrants = [(source, leaving) for source, leaving in inbox if source != STEERED]
+    migrants = [(source, leaving) for source, leaving in inbox if source not in (STEERED, ELSEWHERE)]
     found_place = settled(work, [leaving for _, leaving in migrants], config, island, first) if migrants else 0
     for designs in (designs for source, designs in inbox if source == STEERED):
         yield from steered(work, designs, config, island, epoch)
+    _hear(work, state, [found for source, found in inbox if source == ELSEWHERE], config)
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
     yield from _measure_gaps(work, config)
@@ -133,6 +136,16 @@ def _found(
     work.statistics.append(_statistics(work, config, 0, rows["fitness"], scores.refusals, len(found)))
 
 
+def _hear(work: WorkingSpace, state: IslandState, news: list[Designs], config: EvolutionConfig) -> None:
+    """What other islands have found is known from now on; migrants were taken in all the same."""
+    if work.archive is None:
+        return
+    heard = [found for found in (state.elsewhere, *news) if found is not None]
+    if heard:
+        work.archive.hear(np.concatenate([found["signature"] for found in heard]))
+    work.foreseen = ForeseenShapes(np.concatenate([found["foreseen"] for found in (work.library, *heard)]), config)
+
+
 def _generation(
     work: WorkingSpace, config: EvolutionConfig, island: int, epoch: int, generation: int
 ) -> Generator[Candidates, Scores, None]:
@@ -141,11 +154,17 @@ def _generation(
     refusals: list[npt.NDArray[np.uint8]] = []
     accepted = 0
     block = 0
+    if work.foreseen is not None:
+        born_since = (work.library["epoch"] == epoch) & (work.library["island"] == island)
+        work.foreseen.forget_candidates(work.library["foreseen"][born_since])
     while True:
         slots = config.offspring or ACCEPTED_BLOCK
         if work.archive is not None:
             place = (island, generation, block)
-            brood, scores = yield from screened_offspring(work.library, config, *place, slots, work.chosen)
+            assert work.foreseen is not None
+            brood, scores = yield from screened_offspring(
+                work.library, config, *place, slots, work.foreseen, work.chosen
+            )
         else:
             brood = offspring(work.library, config, island, generation, block, slots, work.chosen)
             scores = yield from evaluated(brood)

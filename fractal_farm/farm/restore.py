@@ -14,6 +14,7 @@ from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import LENGTH, DistinctSet, signatures
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.epoch import IslandState, founding_state, library_after
+from fractal_farm.evolution.hearsay import FIND, Hearsay, are_shared, finds_of
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.mesh_queue import MeshQueue
@@ -36,15 +37,15 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     evolution = config.evolution
     empty = founding_state(evolution)
     dtype = empty.library.dtype
-    states = dict.fromkeys(range(evolution.islands), empty)
+    states, found = dict.fromkeys(range(evolution.islands), empty), np.zeros(0, FIND)
     last = committed_until(root, config.run_id)
     lag = evolution.migration.lag
     # Emigrants of the last `lag` epochs are still under way, so the replay begins before them.
     if (snapshot := latest_snapshot(root, config.run_id, last - lag)) is not None:
-        states = unpack_states(snapshot[1], dtype)
+        states, found = unpack_states(snapshot[1], dtype)
     start = states[0].epoch
     progress, elapsed_s = Progress(), 0.0
-    outbox = []
+    outbox, finds = [], [found]
     steered = 0
     for (_, until), blob in committed_records(root, config.run_id, after=min(start, last - 1)):
         ledger = unpack_ledger(blob, dtype)
@@ -56,9 +57,11 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
                 state = IslandState(record.epoch, library_after(before.library, record))
                 states[record.island] = state
                 outbox.append((record.island, record.epoch, state.library[record.emigrants]))
+                finds.append(finds_of(record))
     migration = evolution.migration
     links = sources(migration.topology, evolution.islands, migration.degree, evolution.seed)
-    schedule = Schedule(links, lag, states, last_epoch(root, config.run_id))
+    hearsay = Hearsay(np.concatenate(finds)) if are_shared(evolution) else None
+    schedule = Schedule(links, lag, states, last_epoch(root, config.run_id), hearsay)
     for island, epoch, leaving in outbox:
         if epoch > last - lag:
             schedule.remember(island, epoch, leaving)

@@ -193,8 +193,7 @@ class Run:
         short = self._room.is_short()
         if self._ending is None and not backlog and not short:
             for island, epoch in self._schedule.ready():
-                state = self._schedule.state[island]
-                self._executor.start_epoch(island, epoch, self._schedule.start(island, epoch), state)
+                self._executor.start_epoch(island, epoch, *self._schedule.start(island, epoch))
             self._start_meshes(fraction_done(self._config, self.progress, self.elapsed_s))
         if self._withheld and self._in_flight is not None and self._room.due:
             self._withheld = False
@@ -277,7 +276,8 @@ class Run:
         last = group.records[-1].epoch
         snapshot = None
         if last - self._snapshot_epoch >= SNAPSHOT_EPOCHS or self._ending is not None:
-            snapshot = pack_states(group.states)
+            hearsay = self._schedule.hearsay
+            snapshot = pack_states(group.states, None if hearsay is None else hearsay.until(last))
             self._snapshot_epoch = last
         steered = len(self._schedule.steering)
         ledger = Ledger(group.records, group.progress, self.elapsed_s, tuple(group.set_aside), steered)
@@ -365,8 +365,7 @@ class Run:
             island, epoch = lost.what
             self._announce(Fault(f"island {island}", lost.cause, f"epoch {epoch} starts again"))
             if self._ending is None:
-                inbox = self._schedule.start(island, epoch)
-                self._executor.start_epoch(island, epoch, inbox, self._schedule.state[island])
+                self._executor.start_epoch(island, epoch, *self._schedule.start(island, epoch))
 
     def _why_end(self) -> str | None:
         """Reasons that depend on the clock or on somebody's wish: the run ends at its last complete epoch."""

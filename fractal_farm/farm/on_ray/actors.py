@@ -16,7 +16,7 @@ import ray
 from ray.exceptions import NodeDiedError, ObjectLostError, OutOfMemoryError, RayActorError, WorkerCrashedError
 
 from fractal_farm.config import EvolutionConfig
-from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, library_after
+from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, state_after
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.executor import Inbox
 from fractal_farm.farm.on_ray.orphans import Nodes
@@ -67,7 +67,7 @@ class Island:
             return scores
 
         record = drive(advance(before, inbox, self._config, self._island, epoch), scores_of)
-        self._state = IslandState(epoch, library_after(before.library, record))
+        self._state = state_after(before, record, inbox)
         return record, tuple(set_aside)
 
     def _evaluate_all(self, batches: Sequence[Candidates]) -> list[Scores | None]:
