@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fractal_farm.catalogue.steering import bind_wishes
+from fractal_farm.catalogue.steering import bind_wishes, steering_requests
 from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import DistinctSet, signatures
-from fractal_farm.errors import FarmError
+from fractal_farm.errors import FarmError, StorageFullError
 from fractal_farm.evolution.designs import Designs
 from fractal_farm.evolution.epoch import EpochRecord, IslandState
 from fractal_farm.farm.events import (
@@ -177,7 +177,11 @@ class Run:
 
     def _take_wishes(self) -> None:
         """What somebody wishes the run to breed from is bound to the first epoch that no island has begun."""
-        requests = bind_wishes(self._root, self._config.run_id, self._schedule.unbegun())
+        run_id, known = self._config.run_id, len(self._schedule.steering)
+        try:
+            requests = bind_wishes(self._root, run_id, self._schedule.unbegun())
+        except StorageFullError:  # the others wait for room; those that are bound begin in time
+            requests = steering_requests(self._root, run_id)[known:]
         take_in(self._schedule, requests, self._config.evolution)
         for request in requests:
             self._announce(Steered(request.first, request.last, request.design_ids))
