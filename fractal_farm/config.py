@@ -159,7 +159,7 @@ class EvolutionConfig(Section):
     generations_per_epoch: int = Field(5, ge=1, le=1000, description="generations between two exchanges")
     library: LibraryConfig = LibraryConfig()
     offspring: Annotated[int, Field(ge=1, le=1_000_000)] | None = Field(
-        256, description="candidates a generation; null if `accepted` is given"
+        128, description="candidates a generation; null if `accepted` is given"
     )
     accepted: Annotated[int, Field(ge=1, le=10_000)] | None = Field(
         None, description="accepted offspring a generation, instead of `offspring` (the paper: 10)"
