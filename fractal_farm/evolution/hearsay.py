@@ -1,6 +1,6 @@
 """What islands tell each other: which shapes they have found, so that nobody looks for them again.
 
-Designs stay where they were born, but for a few migrants; their marks go to all islands, `lag` epochs after the birth.
+Designs stay where they were born, but for a few migrants; their marks go to all islands, an epoch after the migrants.
 The archive of a run is thus spread over its islands, and no shape is sought twice for long.
 """
 

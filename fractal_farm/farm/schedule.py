@@ -1,8 +1,8 @@
 """Which epoch of which island may run now (DESIGN section 4, 'Migration depends on epoch numbers').
 
-(island, epoch) needs (island, epoch - 1) and the records of its sources at epoch - lag; of all islands, if they tell
-each other what they find. There is no barrier: islands run ahead of each other as far as their dependencies and `LEAD`
-allow. Pure bookkeeping, without a clock.
+(island, epoch) needs (island, epoch - 1) and the records of its sources at epoch - lag; if islands tell each other what
+they find, also those of all islands an epoch before that. There is no barrier: islands run ahead of each other as far
+as their dependencies and `LEAD` allow. Pure bookkeeping, without a clock.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Schedule:
                 continue
             if self.last_epoch is not None and epoch > self.last_epoch:
                 continue
-            has_heard = self.hearsay is None or epoch - self.lag <= self.complete
+            has_heard = self.hearsay is None or epoch - self.lag - 1 <= self.complete
             if has_heard and all((source, epoch - self.lag) in self._outbox for source in self._senders(island, epoch)):
                 found.append((epoch, island))
         return [(island, epoch) for epoch, island in sorted(found)]
@@ -101,7 +101,7 @@ class Schedule:
         inbox = [(source, self._outbox[source, epoch - self.lag]) for source in self._senders(island, epoch)]
         state = self.state[island]
         if self.hearsay is not None:
-            news = epoch - self.lag
+            news = epoch - self.lag - 1
             state = replace(state, elsewhere=self.hearsay.elsewhere(island, -1, news - 1))
             inbox.append((ELSEWHERE, self.hearsay.elsewhere(island, news, news)))
         return inbox + self._chosen(epoch), state
