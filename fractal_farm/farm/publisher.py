@@ -27,6 +27,7 @@ from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
 from fractal_farm.ifs.random_iteration import attractor_points
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
+from fractal_farm.solid.estimate import estimates
 
 MERGE_COMMITS = 256
 _SMALL_ROWS = LARGE_ROWS // 4
@@ -61,7 +62,7 @@ class Publisher:
         if not len(candidates.n_maps):
             return
         genome = Genome(candidates.genes[0, : int(candidates.n_maps[0])], self._phenotype)
-        gap(genome)
+        estimates([genome], [gap(genome)])
         similarity_dimension(genome)
         self._descriptor(genome)
         design_table([genome], {})
@@ -86,6 +87,7 @@ class Publisher:
         columns = _columns(rows) | {
             "kind": ["design" if is_kept else "ancestor" for is_kept in kept],
             "gap": gaps,
+            **estimates(genomes, gaps),
             "distinct": [bool(row["distinct"]) if is_kept else None for row, is_kept in zip(rows, kept, strict=True)],
             "similarity_dimension": [similarity_dimension(genome) for genome in genomes],
             "descriptor": [
