@@ -24,6 +24,7 @@ class Column(NamedTuple):
 
 _TEXT = pa.string()
 _NUMBER = pa.float64()
+_AS_A_SOLID = "30 mm long with a wall of 0.8 mm, whatever size its run makes"
 _NUMBERS = pa.list_(pa.field("element", pa.float64()))
 
 PLACE = (
@@ -79,10 +80,17 @@ DESIGN = (
     Column("operator", _TEXT, "", "how the design was made from its parents"),
     Column("generator_version", _TEXT, "", "version of the random iteration that grew the cloud"),
     Column("distinct", pa.bool_(), "", "whether its shape was new to its run; if runs were merged: no better has it"),
+    Column("grams", _NUMBER, "g", f"estimate: mass of its solid in cast silver, {_AS_A_SOLID}"),
+    Column("width_mm", _NUMBER, "mm", f"the second longest side of that solid's box, {_AS_A_SOLID}"),
+    Column("depth_mm", _NUMBER, "mm", f"the shortest side of that solid's box, {_AS_A_SOLID}"),
 )
 """What a run knows of a design."""
 
-OPTIONAL = frozenset({"distinct", "niche", "gap", "similarity_dimension", "descriptor", "d0_error", "d2_error"})
+OPTIONAL = frozenset({"distinct", "niche", "gap", "similarity_dimension", "descriptor", "d0_error", "d2_error"}) | {
+    "grams",
+    "width_mm",
+    "depth_mm",
+}
 """Columns that a commit may leave out; they become null."""
 
 KINDS = ("design", "ancestor")

@@ -20,7 +20,7 @@ DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Director
 IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs, or the first digits of their ids.")]
 DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
 
-_SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
+_SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "grams", "island", "generation")
 _JUDGED_COLUMNS = ("stars", "favourite")
 _PREFERENCE = "preference"
 _TABLE_ROWS = 20
@@ -113,6 +113,7 @@ def show(
             "LLE": f"{row['lle']:.6f} nats an iteration",
             "similarity dimension": row["similarity_dimension"],
             "gap": row["gap"],
+            "in silver": _as_a_solid(row),
             "parents": row["parents"] or "none",
             "operator": row["operator"],
             "born": "by hand"
@@ -274,6 +275,13 @@ def _with_error(value: float | None, error: float | None) -> str | None:
     if value is None or error is None:
         return None if value is None else f"{value:.4f}"
     return f"{value:.4f} ± {error:.4f}"
+
+
+def _as_a_solid(row: dict[str, Any]) -> str | None:
+    """What the design weighs, at the size that all designs are compared at."""
+    if row["grams"] is None:
+        return None
+    return f"about {row['grams']:.1f} g, 30 x {row['width_mm']:.0f} x {row['depth_mm']:.0f} mm with a wall of 0.8 mm"
 
 
 def _files(catalogue: Any, row: dict[str, Any]) -> list[str]:

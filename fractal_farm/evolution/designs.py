@@ -15,7 +15,8 @@ import numpy.typing as npt
 from fractal_farm.distinctness import DESCRIPTOR_LENGTH, LENGTH
 
 Designs = npt.NDArray[Any]
-SCORE_FIELDS = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error", "gap")
+ESTIMATES = ("grams", "width_mm", "depth_mm")
+SCORE_FIELDS = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error", "gap", *ESTIMATES)
 
 
 class Operator(enum.IntEnum):

@@ -17,7 +17,7 @@ from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, design_dtype
 from fractal_farm.evolution.offspring import max_maps
 from fractal_farm.ifs.genome import ROW_LENGTH
 
-Wanted = Literal["foreseen", "printable", "scores", "gap"]
+Wanted = Literal["foreseen", "printable", "scores", "gap", "solid"]
 STEERED = -1
 """In an inbox, the source of designs that somebody chose: only genes, identity and birth place are filled in."""
 ELSEWHERE = -2
@@ -30,9 +30,10 @@ class Candidates(NamedTuple):
     Attributes:
         genes: (B, M, K) float64, padded with 0.
         n_maps: (B,) int64.
-        wanted: "scores"; "gap" for that number alone; "printable" for the scores of those whose gap is at most
-            `niches.gap`, and in its place that bound, infinite for the others; "foreseen" for what closed forms
-            say of D0, D2, fitness and descriptor, the latter where the fitness is `niches.expected_fitness` or more.
+        wanted: "scores"; "gap" for that number alone; "solid" for it and estimates of the solid; "printable" for the
+            scores of those whose gap is at most `niches.gap`, and in its place that bound, infinite for the others;
+            "foreseen" for what closed forms say of D0, D2, fitness and descriptor, the latter where the fitness is
+            `niches.expected_fitness` or more.
     """
 
     genes: npt.NDArray[np.float64]
@@ -44,7 +45,7 @@ class Scores(NamedTuple):
     """What was found out about candidates.
 
     Attributes:
-        values: (B, 7) float64 in the order of `SCORE_FIELDS`, nan where it was not wanted.
+        values: (B, 10) float64 in the order of `SCORE_FIELDS`, nan where it was not wanted.
         refusals: (B,) uint8 `Refusal` codes.
         descriptors: (B, 14) float32, nan where it was not wanted.
     """

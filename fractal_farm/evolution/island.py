@@ -38,6 +38,7 @@ from fractal_farm.evolution.screening import ForeseenShapes, evaluated, screened
 from fractal_farm.ifs.genome import design_id
 
 _GAP = SCORE_FIELDS.index("gap")
+_SOLID = slice(_GAP, len(SCORE_FIELDS))
 ACCEPTED_BLOCK = 32
 ACCEPTED_BLOCKS_LIMIT = 1024
 
@@ -80,7 +81,7 @@ def advance(
     _hear(work, state, [found for source, found in inbox if source == ELSEWHERE], config)
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
-    yield from _measure_gaps(work, config)
+    yield from _measure_solids(work)
     after = work.library
     merit = after["fitness"] if work.archive is None else parent_weights(after, config)
     migration = config.migration
@@ -217,17 +218,18 @@ def _enter(
     return np.concatenate([newcomers, successors])
 
 
-def _measure_gaps(work: WorkingSpace, config: EvolutionConfig) -> Generator[Candidates, Scores, None]:
-    """The gaps of those born in this epoch of whom no more was needed than that they print: all at once."""
-    bounded = [rows["gap"] == config.niches.gap for rows in work.born]
-    if work.archive is None or not any(rows.any() for rows in bounded):
+def _measure_solids(work: WorkingSpace) -> Generator[Candidates, Scores, None]:
+    """Gaps and estimates of those born in this epoch, of whom no more was needed than that they print: all at once."""
+    unmeasured = [rows[np.isnan(rows["grams"])] for rows in work.born]
+    if work.archive is None or not any(map(len, unmeasured)):
         return
-    unknown = np.concatenate([rows[which] for rows, which in zip(work.born, bounded, strict=True)])
-    scores = yield Candidates(unknown["genes"], unknown["n_maps"], "gap")
-    gaps = dict(zip(unknown["design_id"].tolist(), scores.values[:, _GAP].tolist(), strict=True))
+    designs = np.concatenate(unmeasured)
+    scores = yield Candidates(designs["genes"], designs["n_maps"], "solid")
+    measured = dict(zip(designs["design_id"].tolist(), scores.values[:, _SOLID], strict=True))
     for rows in (*work.born, work.library):
-        places = [k for k, identity in enumerate(rows["design_id"].tolist()) if identity in gaps]
-        rows["gap"][places] = [gaps[identity] for identity in rows["design_id"][places].tolist()]
+        places = [k for k, identity in enumerate(rows["design_id"].tolist()) if identity in measured]
+        for column, name in enumerate(SCORE_FIELDS[_SOLID]):
+            rows[name][places] = [measured[identity][column] for identity in rows["design_id"][places].tolist()]
 
 
 def _join(work: WorkingSpace, accepted: Designs, config: EvolutionConfig) -> Designs:

@@ -19,7 +19,7 @@ from fractal_farm.catalogue.fence import writing
 from fractal_farm.catalogue.parts import list_parts, read_commits
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import StorageFullError
-from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
+from fractal_farm.evolution.designs import ESTIMATES, SCORE_FIELDS, Designs, Operator
 from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, fitness_formula, sample_candidates
 from fractal_farm.fitness import shape_descriptor
 from fractal_farm.ifs.gap import gap
@@ -27,6 +27,7 @@ from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
 from fractal_farm.ifs.random_iteration import attractor_points
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
+from fractal_farm.solid.estimate import estimates
 
 MERGE_COMMITS = 256
 _SMALL_ROWS = LARGE_ROWS // 4
@@ -61,7 +62,7 @@ class Publisher:
         if not len(candidates.n_maps):
             return
         genome = Genome(candidates.genes[0, : int(candidates.n_maps[0])], self._phenotype)
-        gap(genome)
+        estimates([genome], [gap(genome)])
         similarity_dimension(genome)
         self._descriptor(genome)
         design_table([genome], {})
@@ -86,6 +87,7 @@ class Publisher:
         columns = _columns(rows) | {
             "kind": ["design" if is_kept else "ancestor" for is_kept in kept],
             "gap": gaps,
+            **_estimated(rows, genomes, gaps),
             "distinct": [bool(row["distinct"]) if is_kept else None for row, is_kept in zip(rows, kept, strict=True)],
             "similarity_dimension": [similarity_dimension(genome) for genome in genomes],
             "descriptor": [
@@ -132,9 +134,19 @@ class Publisher:
         return None
 
 
+def _estimated(rows: Designs, genomes: list[Genome], gaps: list[float | None]) -> dict[str, list[float]]:
+    """Estimates of the solids of what is kept: those that are in the rows, or new ones."""
+    known = ~np.isnan(rows["grams"])
+    asked = [None if is_known else gap for gap, is_known in zip(gaps, known, strict=True)]
+    return {
+        name: np.where(known, rows[name], np.array(column, np.float64)).tolist()
+        for name, column in estimates(genomes, asked).items()
+    }
+
+
 def _columns(rows: Designs) -> dict[str, Any]:
     """The columns of the manifest that evolution decided."""
-    names = (*SCORE_FIELDS, "island", "epoch", "generation", "slot")
+    names = (*(name for name in SCORE_FIELDS if name not in ESTIMATES), "island", "epoch", "generation", "slot")
     columns: dict[str, Any] = {name: rows[name] for name in names}
     columns["parents"] = [[parent.decode() for parent in pair if parent] for pair in rows["parents"].tolist()]
     columns["operator"] = [Operator(code).name.lower() for code in rows["operator"].tolist()]

@@ -107,6 +107,7 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig, repeat:
     if candidates.wanted == "scores":
         return _fitness(candidates, config, repeat)
     from fractal_farm.ifs.gap import gap, gaps_within
+    from fractal_farm.solid.estimate import estimates
 
     phenotype = config.phenotype.phenotype()
     genomes = [
@@ -115,8 +116,11 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig, repeat:
     ]
     scores = Scores.unknown(len(genomes))
     gaps = scores.values[:, SCORE_FIELDS.index("gap")]
-    if candidates.wanted == "gap":
+    if candidates.wanted in ("gap", "solid"):
         gaps[:] = [gap(genome) for genome in genomes]
+        if candidates.wanted == "solid":
+            for name, column in estimates(genomes, gaps.tolist()).items():
+                scores.values[:, SCORE_FIELDS.index(name)] = np.array(column, np.float64)
         return scores
     limit = config.niches.gap
     within = gaps_within(genomes, limit)
@@ -141,7 +145,7 @@ def _foreseen(candidates: Candidates, config: EvolutionConfig) -> Scores:
 
 
 def _fitness(candidates: Candidates, config: EvolutionConfig, repeat: int) -> Scores:
-    """Random iteration and fitness; the gap stays unknown."""
+    """Random iteration and fitness; gap and solid stay unknown."""
     from fractal_farm.fitness import evaluate_batch
 
     result = evaluate_batch(
@@ -153,9 +157,10 @@ def _fitness(candidates: Candidates, config: EvolutionConfig, repeat: int) -> Sc
         repeat=repeat,
         described_from=config.qualified,
     )
-    gaps = np.full(len(result.fitness), np.nan)
-    values = np.column_stack([result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error, gaps])
-    return Scores(values, result.refusal, result.descriptor)
+    scores = Scores.unknown(len(result.fitness))
+    known = (result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error)
+    scores.values[:, : len(known)] = np.column_stack(known)
+    return Scores(scores.values, result.refusal, result.descriptor)
 
 
 def fitness_formula(config: EvolutionConfig) -> FitnessFormula:

@@ -20,6 +20,7 @@ from fractal_farm.ifs.gap import gap
 from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.quantised_cloud import quantised_attractors
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
+from fractal_farm.solid.estimate import estimates
 
 OPERATOR = "hand"
 _PATIENCE_SECONDS = 60.0
@@ -70,9 +71,11 @@ def _refuse_known(root: Path, genomes: Sequence[Genome]) -> None:
 
 def _columns(genomes: Sequence[Genome], scores: Evaluation, parents: list[str]) -> dict[str, Any]:
     names = ("d0", "d2", "lle", "fitness", "d0_error", "d2_error", "descriptor")
+    gaps = [gap(genome) for genome in genomes]
     return {name: getattr(scores, name) for name in names} | {
         "similarity_dimension": [similarity_dimension(genome) for genome in genomes],
-        "gap": [gap(genome) for genome in genomes],
+        "gap": gaps,
+        **estimates(genomes, gaps),
         "parents": [parents] * len(genomes),
         "operator": [OPERATOR] * len(genomes),
     }

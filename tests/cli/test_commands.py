@@ -284,3 +284,16 @@ def test_a_column_that_is_asked_for_twice_is_shown_once(
 ) -> None:
     lines = output(capsys, "list", run_directory, "--columns", "fitness,d0,fitness", "--limit", "1").splitlines()
     assert lines[0].split() == ["fitness", "d0"]
+
+
+def test_designs_are_chosen_by_what_they_weigh_and_how_large_they_are(
+    capsys: pytest.CaptureFixture[str], run_directory: Path
+) -> None:
+    rows = result(capsys, "list", run_directory, "--columns", "design_id,grams,width_mm,depth_mm")
+    assert all(0 < row["grams"] < 0.01036 * 30**3 and row["depth_mm"] <= row["width_mm"] <= 30.01 for row in rows)
+    limit = sorted(row["grams"] for row in rows)[len(rows) // 2]
+    light = result(capsys, "list", run_directory, "--where", f"grams < {limit} and depth_mm < 20")
+    expected = [row for row in rows if row["grams"] < limit and row["depth_mm"] < 20]
+    assert {row["design_id"] for row in light} == {row["design_id"] for row in expected} != set()
+    told = output(capsys, "show", run_directory, light[0]["design_id"])
+    assert f"in silver             about {light[0]['grams']:.1f} g" in told
