@@ -79,6 +79,7 @@ DESIGN = (
     Column("operator", _TEXT, "", "how the design was made from its parents"),
     Column("generator_version", _TEXT, "", "version of the random iteration that grew the cloud"),
     Column("distinct", pa.bool_(), "", "whether its shape was new to its run; if runs were merged: no better has it"),
+    Column("symmetry", _TEXT, "", "isometries whose images of the attractor make the shape; null means none"),
 )
 """What a run knows of a design."""
 
