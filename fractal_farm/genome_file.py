@@ -84,8 +84,8 @@ def load_genomes(path: Path | str, phenotype: Phenotype | None = None) -> list[t
     ]
 
 
-def seed_rows(path: Path, phenotype: Phenotype) -> list[list[list[float]]]:
-    """The rows of a file's genomes, to found libraries of a run with this phenotype.
+def seed_genomes(path: Path, phenotype: Phenotype) -> list[Genome]:
+    """The genomes of a file, to found libraries of a run with this phenotype.
 
     Raises:
         InputError: as `load_genomes`; also for another phenotype, or probabilities set by hand.
@@ -96,7 +96,7 @@ def seed_rows(path: Path, phenotype: Phenotype) -> list[list[list[float]]]:
             raise InputError(f"{path}: its phenotype differs from that of the run; make them equal")
         if genome.probabilities is not None:
             raise InputError(f"{path}: genome {name} has probabilities set by hand; a seed has none, remove them")
-    return [genome.genes.tolist() for _name, genome in seeds]
+    return [genome for _name, genome in seeds]
 
 
 def genome_from(value: Any, phenotype: Phenotype, name: str) -> Genome:

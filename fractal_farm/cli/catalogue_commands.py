@@ -90,6 +90,7 @@ def show(
     from fractal_farm.catalogue import Catalogue, judgements
     from fractal_farm.catalogue.layout import HAND
     from fractal_farm.ifs.genome import GENE_NAMES, ROW_LENGTH
+    from fractal_farm.ifs.symmetry import NO_SYMMETRY
 
     catalogue = Catalogue.open(directory)
     row = catalogue.design(design)
@@ -120,6 +121,7 @@ def show(
             f"generation {row['generation']}, slot {row['slot']}",
             "phenotype": f"{row['family']}, {row['map_form']}, rotation sign {row['rotation_sign']}, "
             f"influence {row['influence']:g}",
+            "symmetry": row["symmetry"] or NO_SYMMETRY,
             "points": row["n_points"],
             "files": ", ".join(files) or "no mesh; make one with farm mesh",
         }

@@ -18,6 +18,7 @@ from fractal_farm.evolution.designs import (
     SCORE_FIELDS,
     Designs,
     Operator,
+    genomes_of,
     total_order,
     without_repeats,
 )
@@ -33,7 +34,6 @@ from fractal_farm.evolution.epoch import (
 from fractal_farm.evolution.migration import emigrants
 from fractal_farm.evolution.offspring import Brood, founders, offspring
 from fractal_farm.evolution.screening import evaluated, screened_founders, screened_offspring
-from fractal_farm.ifs.genome import design_id
 
 _GAP = SCORE_FIELDS.index("gap")
 ACCEPTED_BLOCK = 32
@@ -183,7 +183,8 @@ def _enter(
     unknown = np.isnan(asked["gap"])
     unknown[len(entered) :] = True  # a bound does not tell whose gap is smaller
     if unknown.any():
-        scores = yield Candidates(asked["genes"][unknown], asked["n_maps"][unknown], "gap")
+        sought = asked[unknown]
+        scores = yield Candidates(sought["genes"], sought["n_maps"], "gap", sought["symmetry"])
         asked["gap"][unknown] = scores.values[:, _GAP]
     newcomers = asked[: len(entered)]
     archive.library["gap"][len(archive.library) - len(entered) :] = newcomers["gap"]
@@ -199,7 +200,7 @@ def _measure_gaps(work: WorkingSpace, config: EvolutionConfig) -> Generator[Cand
     if work.archive is None or not any(rows.any() for rows in bounded):
         return
     unknown = np.concatenate([rows[which] for rows, which in zip(work.born, bounded, strict=True)])
-    scores = yield Candidates(unknown["genes"], unknown["n_maps"], "gap")
+    scores = yield Candidates(unknown["genes"], unknown["n_maps"], "gap", unknown["symmetry"])
     gaps = dict(zip(unknown["design_id"].tolist(), scores.values[:, _GAP].tolist(), strict=True))
     for rows in (*work.born, work.library):
         places = [k for k, identity in enumerate(rows["design_id"].tolist()) if identity in gaps]
@@ -226,6 +227,7 @@ def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, 
     rows = np.zeros(len(brood.slots), founding_state(config).library.dtype)
     rows["genes"] = brood.genes
     rows["n_maps"] = brood.n_maps
+    rows["symmetry"] = brood.symmetries
     for column, name in enumerate(SCORE_FIELDS):
         rows[name] = scores.values[:, column]
     rows["descriptor"] = scores.descriptors
@@ -241,11 +243,7 @@ def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, 
 
 def _identified(rows: Designs, config: EvolutionConfig) -> Designs:
     """The rows with their design ids."""
-    phenotype = config.phenotype.phenotype()
-    rows["design_id"] = [
-        design_id(genes[:count], phenotype).encode()
-        for genes, count in zip(rows["genes"], rows["n_maps"].tolist(), strict=True)
-    ]
+    rows["design_id"] = [genome.design_id.encode() for genome in genomes_of(rows, config.phenotype.phenotype())]
     return rows
 
 
