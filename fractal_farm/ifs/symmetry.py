@@ -10,18 +10,20 @@ each ends where the next begins: a symmetric design is one piece wherever A is. 
 - helix:n      n copies, each turned by a sixth of a turn about the axis and carried on from p to q
 
 This module alone knows them. A symmetry is written as its name; its place in `SYMMETRIES` is its code in arrays.
-Nothing here imports numba: islands breed genomes without it.
+Nothing here imports numba, which islands breed genomes without, and numpy only where it is needed: commands name the
+kinds in their help.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, NamedTuple
 
 from fractal_farm.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 NO_SYMMETRY = "none"
 MAX_COPIES = 12
@@ -56,6 +58,7 @@ SYMMETRIES = (
 """In the order of their codes, which stand in records: new ones come last."""
 
 ALLOWED = "none, rotation:2 to rotation:12, mirror, dihedral:2 to dihedral:6, helix:2 to helix:8"
+_SHOWN = 40  # characters of a wrong name
 _CODES = {symmetry.name: code for code, symmetry in enumerate(SYMMETRIES)}
 
 
@@ -70,10 +73,12 @@ def symmetry_code(name: object, where: str) -> int:
         InputError: there is no such symmetry.
     """
     if not isinstance(name, str) or name not in _CODES:
-        raise InputError(f"{where}: symmetry is {str(name)[:40]!r}; allowed: {ALLOWED}")
+        raise InputError(f"{where}: symmetry is {str(name)[:_SHOWN]!r}; allowed: {ALLOWED}")
     return _CODES[name]
 
 
 def symmetry_codes(names: Iterable[str]) -> npt.NDArray[np.uint8]:
     """The codes of symmetries that are known to exist, (n,) uint8."""
+    import numpy as np
+
     return np.array([_CODES[name] for name in names], np.uint8)
