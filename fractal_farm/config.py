@@ -24,7 +24,7 @@ from fractal_farm.untrusted import Section, explain, override_value, read_yaml, 
 
 __all__ = ["RunConfig", "load_genomes"]
 
-IDENTITY_VERSION = 3
+IDENTITY_VERSION = 4
 MIRROR_URL = r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[A-Za-z0-9_][A-Za-z0-9_.~=+-]*)*/?"
 
 Probability = Annotated[float, Field(ge=0, le=1)]
@@ -129,6 +129,13 @@ class NichesConfig(Section):
     foreseen_distance: float | None = Field(
         1.0, gt=0, le=10, description="how far from all members a candidate's shape must be foreseen; null: anywhere"
     )
+    fullness: float | None = Field(
+        1.35,
+        gt=0,
+        le=4,
+        description="D0 + thickness / 2 from which on a design is more than a bare line, thickness being the smallest "
+        "over the largest principal standard deviation; null: lines, too",
+    )
     crossover: Probability = Field(0.3, description="share of offspring that are crossed")
     probabilities: Annotated[tuple[Probability, ...], Strict(False), Field(min_length=1, max_length=16)] = Field(
         (0.05, 0.15, 0.5), description="probabilities of an allele's mutation; each offspring draws one"
@@ -161,7 +168,7 @@ class EvolutionConfig(Section):
     generations_per_epoch: int = Field(5, ge=1, le=1000, description="generations between two exchanges")
     library: LibraryConfig = LibraryConfig()
     offspring: Annotated[int, Field(ge=1, le=1_000_000)] | None = Field(
-        256, description="candidates a generation; null if `accepted` is given"
+        128, description="candidates a generation; null if `accepted` is given"
     )
     accepted: Annotated[int, Field(ge=1, le=10_000)] | None = Field(
         None, description="accepted offspring a generation, instead of `offspring` (the paper: 10)"

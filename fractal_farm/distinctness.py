@@ -111,6 +111,14 @@ class DistinctSet:
         self._marks = np.concatenate([self._marks[: self._in_tree], fresh])
         return members, entered
 
+    def near(self, marks: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which of (n, 6) signatures are like a member; none that is not a number is."""
+        found = np.zeros(len(marks), bool)
+        for index, members in enumerate(self._narrowed(marks)):
+            around = self._marks[members], self._marks[self._in_tree :]
+            found[index] = any((squared_distances(marks[index], known) < DISTINCT * DISTINCT).any() for known in around)
+        return found
+
     def _plant(self) -> None:
         from scipy.spatial import cKDTree  # islands without an archive do without scipy
 

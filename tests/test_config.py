@@ -243,8 +243,7 @@ OTHER_VALUES: dict[str, Any] = {
     "phenotype.map_form": "rho R x + d", "phenotype.rotation_sign": -1, "fitness.amplitude": 1.0,
     "niches.capacity": 9, "niches.gap": 0.1, "niches.crossover": 0.1, "niches.probabilities": [0.1],
     "niches.sigmas": [0.5], "niches.gap_attempts": 1, "niches.expected_fitness": None,
-    "niches.foreseen_distance": None,
-    "symmetries": {"none": 0.5, "rotation:6": 0.5},
+    "niches.foreseen_distance": None, "niches.fullness": None, "symmetries": {"none": 0.5, "rotation:6": 0.5},
     "fitness.baseline": 0.0, "fitness.d0": [0.3, 0.8], "fitness.d2": [0.4, 0.7], "fitness.lle": [0.0, 1.0],
 }  # fmt: skip
 

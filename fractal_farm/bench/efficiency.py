@@ -20,7 +20,7 @@ from fractal_farm import farm
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import SCORE_FIELDS
-from fractal_farm.evolution.epoch import Candidates, IslandState, Scores, founding_state, library_after
+from fractal_farm.evolution.epoch import Candidates, Scores, founding_state, state_after
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.events import Callback, EpochCompleted, Event
 from fractal_farm.farm.work import evaluate_candidates
@@ -115,7 +115,7 @@ def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any)
             began = time.perf_counter()
         for island, state in states.items():
             record = drive(advance(state, [], config, island, epoch), evaluate)
-            states[island] = IslandState(epoch, library_after(state.library, record))
+            states[island] = state_after(state, record, [])
     looped = time.perf_counter()
     for candidates in scored:
         evaluate_candidates(candidates, config)

@@ -10,6 +10,7 @@ from fractal_farm.catalogue.reader import Catalogue, Usage
 from fractal_farm.catalogue.records import (
     committed_records,
     committed_until,
+    last_epoch,
     latest_snapshot,
     remove_orphans,
     write_snapshot,
@@ -45,6 +46,7 @@ __all__ = [
     "is_unbegun",
     "judge",
     "judgements",
+    "last_epoch",
     "latest_snapshot",
     "read_run",
     "record_end",

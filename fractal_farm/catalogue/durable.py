@@ -126,6 +126,7 @@ def new_directory(path: Path, outside: Sequence[Path] = ()) -> Iterator[Path]:
     """
     if path.exists():
         raise InputError(f"{path}: exists already; name a new directory")
+    check_place(path)
     for other in outside:
         if path.resolve().is_relative_to(other.resolve()):
             raise InputError(f"{path}: lies in {other}; name a directory outside of it")
@@ -144,6 +145,21 @@ def new_directory(path: Path, outside: Sequence[Path] = ()) -> Iterator[Path]:
             shutil.rmtree(partial, ignore_errors=True)
             raise
         sync_directory(path.absolute().parent)
+
+
+def check_place(path: Path) -> None:
+    """Refuse a path at which nothing can be made.
+
+    Raises:
+        InputError: it lies below a file, or where we may not write.
+    """
+    place = path.absolute()
+    while not place.exists():
+        place = place.parent
+    if not place.is_dir():
+        raise InputError(f"{path}: {place} is a file; name another place")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: {place} is not writable; name another place")
 
 
 def _sync_tree(directory: Path) -> None:

@@ -2,38 +2,61 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from fractal_farm.errors import FarmError, InputError
 
 DIGITS = 32
-
-_SHORTEST_PREFIX = 4
+SHORTEST_PREFIX = 4
 _SHOWN = 4
 _AFTER_ALL_DIGITS = b"g"
 
+Words = npt.NDArray[np.uint64]
+
 
 def id_array(column: Any) -> npt.NDArray[np.bytes_]:
-    """A column of design ids as (n,) bytes of 32.
+    """A column of design ids as (n,) bytes of 32; see `id_pieces` for what is raised."""
+    return id_words(column).view(f"S{DIGITS}").ravel()
+
+
+def id_words(column: Any) -> Words:
+    """A column of design_ids as (n, 4) uint64: the 32 digits as they are, eight a word."""
+    return np.concatenate(list(id_pieces(column)))
+
+
+def id_pieces(column: Any) -> Iterator[Words]:
+    """`id_words` in pieces that are not copied.
 
     Raises:
         FarmError: a value that is not 32 digits long.
     """
-    if not len(column):
-        return np.empty(0, f"S{DIGITS}")
-    whole = pa.chunked_array(column.chunks if isinstance(column, pa.ChunkedArray) else [column]).combine_chunks()
-    whole = whole.chunk(0) if isinstance(whole, pa.ChunkedArray) else whole
-    lengths = pc.binary_length(whole)
-    if pc.min(lengths).as_py() != DIGITS or pc.max(lengths).as_py() != DIGITS or whole.null_count:
-        raise FarmError(f"design ids: not {DIGITS} digits in every row; `farm verify` finds what is damaged")
-    start = np.frombuffer(whole.buffers()[1], np.int32, 1, 4 * whole.offset)[0]
-    return np.frombuffer(whole.buffers()[2], f"S{DIGITS}", len(whole), int(start))
+    yield np.zeros((0, 4), np.uint64)
+    for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
+        if not len(chunk):
+            continue
+        _, offsets, digits = chunk.buffers()
+        ends = np.frombuffer(offsets, np.int32)[chunk.offset : chunk.offset + len(chunk) + 1]
+        if chunk.null_count or (np.diff(ends) != DIGITS).any():
+            raise FarmError(f"design_id: not {DIGITS} digits in every row; see `farm verify`")
+        yield np.ndarray((len(chunk), 4), np.uint64, digits, int(ends[0]))
+
+
+def checked_prefix(design_id: str) -> str:
+    """The first digits of an id as ids have them.
+
+    Raises:
+        InputError: too few, or not digits.
+    """
+    prefix = design_id.lower()
+    if len(prefix) < SHORTEST_PREFIX or set(prefix) - set("0123456789abcdef"):
+        raise InputError(f"design {design_id!r}: give at least {SHORTEST_PREFIX} hex digits of its id")
+    return prefix
 
 
 def find_id(ids: npt.NDArray[np.bytes_], design_id: str, root: Path) -> int:
@@ -47,9 +70,7 @@ def find_id(ids: npt.NDArray[np.bytes_], design_id: str, root: Path) -> int:
     Raises:
         InputError: no such id, or several.
     """
-    prefix = design_id.lower()
-    if len(prefix) < _SHORTEST_PREFIX or set(prefix) - set("0123456789abcdef"):
-        raise InputError(f"design {design_id!r}: give at least {_SHORTEST_PREFIX} hex digits of its id")
+    prefix = checked_prefix(design_id)
     low, high = np.searchsorted(ids, [prefix.encode(), prefix.encode() + _AFTER_ALL_DIGITS]).tolist()
     if low == high:
         raise InputError(f"{root}: no design {design_id}; `farm list` shows the designs")

@@ -111,12 +111,6 @@ class Lineage:
         found: list[dict[str, Any]] = self.table.take(pa.array(np.asarray(rows, np.int64))).to_pylist()
         return found
 
-    def missing_parents(self, row: int) -> list[str]:
-        """Ids of the parents of a row that the catalogue does not hold."""
-        (facts,) = self.facts([row])
-        named = zip(facts["parents"] or (), self.parents.of(row), strict=True)
-        return [identity for identity, parent in named if parent < 0]
-
     def walk(self, links: Links, row: int, depth: int | None = None) -> Iterator[tuple[int, IntArray]]:
         """From a row along links, step by step: (steps, rows that so many steps and no fewer lead to)."""
         seen = np.zeros(len(self), bool)

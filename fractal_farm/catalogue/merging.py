@@ -22,6 +22,7 @@ import pyarrow as pa
 from fractal_farm.catalogue.compaction import LARGE_ROWS, best_first
 from fractal_farm.catalogue.documents import encoded_document, opened_document
 from fractal_farm.catalogue.durable import new_directory, put
+from fractal_farm.catalogue.identities import id_array
 from fractal_farm.catalogue.layout import (
     DESIGNS,
     HAND,
@@ -42,11 +43,14 @@ from fractal_farm.catalogue.parts import (
     read_rows,
 )
 from fractal_farm.catalogue.reader import Catalogue
+from fractal_farm.catalogue.records import last_epoch
 from fractal_farm.catalogue.runs import read_run, run_ends, run_ids, run_is_live
-from fractal_farm.catalogue.scan import Places, Rows, id_words
+from fractal_farm.catalogue.scan import Places, Rows
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS
 from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.catalogue.signatures import row_signatures
+from fractal_farm.catalogue.steering import steering_requests
+from fractal_farm.catalogue.verify.contents import own_cloud_files
 from fractal_farm.distinctness import LENGTH, first_of_each_shape
 from fractal_farm.errors import FarmError, InputError
 
@@ -91,7 +95,7 @@ def merge(out: Path, sources: Sequence[Path], finish: Callable[[Path], object]) 
         parts = _standing_parts(roots)
         for root, name in parts:
             for commit in read_commits(root, name, records=False):
-                _put_clouds(place, roots, commit)
+                _put_clouds(place, roots, name, commit)
         marks = _Marks(Rows(parts))
         for group in _groups(parts):
             _put_part(place, group, marks)
@@ -104,7 +108,6 @@ def _checked(sources: Sequence[Path]) -> list[Path]:
     """The sources in an order of their own, each once."""
     roots = list(dict.fromkeys(path.resolve() for path in sources))
     keeps: dict[str, tuple[str, Path]] = {}
-    steered: dict[str, tuple[list[bytes], Path]] = {}
     for root in roots:
         Catalogue.open(root)
         for run_id in run_ids(root):
@@ -116,15 +119,22 @@ def _checked(sources: Sequence[Path]) -> list[Path]:
                 raise InputError(
                     f"run {run_id} keeps what is {other} in {where} and what is {keep} in {root}; merge one of them"
                 )
-            requests = [path.read_bytes() for path in sorted(run_directory(root, run_id).glob("steering~*.json"))]
-            others, where = steered.setdefault(run_id, (requests, root))
-            if any(one != another for one, another in zip(requests, others, strict=False)):
-                raise InputError(
-                    f"run {run_id} was steered in {where} otherwise than in {root}, so it is not the same; merge one "
-                    "of them"
-                )
-            steered[run_id] = max((others, where), (requests, root), key=lambda told: len(told[0]))
+    for run_id in keeps:
+        _check_steering(run_id, [root for root in roots if run_id in run_ids(root)])
     return sorted(roots, key=lambda root: (sorted(_names(root)), str(root)))
+
+
+def _check_steering(run_id: str, roots: Sequence[Path]) -> None:
+    """Refuse a run that was steered in several ways: what one source is bound to must lie ahead of the others."""
+    told = {root: [path.name for path in _wishes(root, run_id, "steering")] for root in roots}
+    most = max(roots, key=lambda root: len(told[root]))
+    requests = steering_requests(most, run_id)
+    for root, own in told.items():
+        last = last_epoch(root, run_id)
+        if own != told[most][: len(own)] or any(request.first <= last for request in requests[len(own) :]):
+            raise InputError(
+                f"run {run_id} was steered in {most} otherwise than in {root}, so it is not the same; merge one of them"
+            )
 
 
 def _names(root: Path) -> Iterator[str]:
@@ -137,13 +147,13 @@ def _put_run(place: Path, run_id: str, roots: list[Path]) -> None:
     """The documents of a run, from the source in which it went on longest; and how it ended in any of them."""
 
     def progress(root: Path) -> tuple[Any, ...]:
-        commits = (commit for name in list_parts(root, run_id) for commit in read_commits(root, name, records=False))
-        documents = sorted(_documents(root, run_id), key=lambda path: path.name)
-        return max((commit.epochs[1] for commit in commits), default=-1), [path.read_bytes() for path in documents]
+        return last_epoch(root, run_id), [path.read_bytes() for path in _documents(root, run_id)]
 
     longest = max(roots, key=progress)
     read_run(longest, run_id)
     for path in _documents(longest, run_id):
+        _copied(path, run_directory(place, run_id) / path.name)
+    for path in (path for root in roots for kind in ("steering", "wish") for path in _wishes(root, run_id, kind)):
         _copied(path, run_directory(place, run_id) / path.name)
     ends = {encoded_document(end): end for root in roots for end in run_ends(root, run_id)}
     ordered = sorted(ends, key=lambda content: (ends[content].get("progress", {}).get("epochs", 0), content))
@@ -157,9 +167,14 @@ def _put_run(place: Path, run_id: str, roots: list[Path]) -> None:
 
 
 def _documents(root: Path, run_id: str) -> list[Path]:
-    """What there is of a run but how it ended: run.json, the settings of later sessions, requests to steer it."""
-    paths = run_directory(root, run_id).glob("[!.]*.json")
-    return sorted(path for path in paths if not path.name.startswith("final~"))
+    """What a run was asked for: run.json, and the settings of later sessions."""
+    directory = run_directory(root, run_id)
+    return [directory / "run.json", *sorted(directory.glob("settings~*.json"))]
+
+
+def _wishes(root: Path, run_id: str, kind: str) -> list[Path]:
+    """What a run is wanted to breed from: requests that it is bound to ("steering"), or those that wait ("wish")."""
+    return sorted(run_directory(root, run_id).glob(f"{kind}~*.json"))
 
 
 def _put_judgements(place: Path, roots: Sequence[Path]) -> None:
@@ -196,9 +211,9 @@ def _standing_parts(roots: Sequence[Path]) -> list[tuple[Path, PartName]]:
     return standing
 
 
-def _put_clouds(place: Path, roots: Sequence[Path], commit: Commit) -> None:
+def _put_clouds(place: Path, roots: Sequence[Path], name: PartName, commit: Commit) -> None:
     """The cloud files of a commit, from whichever source has them as they were written, or as they were mended."""
-    for key, facts in sorted(commit.files.items()):
+    for key, facts in sorted(own_cloud_files(name, [commit]).items()):
         mended: list[tuple[Path, bytes]] = []
         for root in roots:
             try:
@@ -232,14 +247,14 @@ class _Marks:
     def __init__(self, rows: Rows) -> None:
         places = rows.best_first(rows.standing(ancestors=False))
         first = first_of_each_shape(_signatures(rows, places))
-        digits = id_words(rows.read(["design_id"]).column(0))[places].view("S32").ravel()
+        digits = id_array(rows.read(["design_id"]).column(0))[places]
         order = np.argsort(digits)
         self._ids, self._first = digits[order], first[order]
         self.designs, self.distinct = len(places), int(first.sum())
 
     def of(self, table: Any) -> Any:
         """The column for a table of the manifest; null for ancestors."""
-        digits = id_words(table.column("design_id")).view("S32").ravel()
+        digits = id_array(table.column("design_id"))
         place = np.searchsorted(self._ids, digits)
         ancestor = np.array([kind != KINDS[0] for kind in table.column("kind").to_pylist()], bool)
         marked = np.zeros(len(digits), bool)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from fractal_farm.catalogue.clouds import CLOUD_COLUMNS, CloudArrays, DenseClouds
 from fractal_farm.catalogue.digest import BLOCK, DIGEST_COLUMNS, content_digest
 from fractal_farm.catalogue.durable import put
+from fractal_farm.catalogue.identities import checked_prefix
 from fractal_farm.catalogue.layout import FEATURES, FORMAT, HAND, PartName, belongs_to
 from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_of_parts
 from fractal_farm.catalogue.rows import genome_of
@@ -30,7 +31,6 @@ from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.genome import Genome
 
-_SHORTEST_PREFIX = 4
 _PLACE = "place of the row"
 
 
@@ -289,9 +289,7 @@ class Catalogue:
 
     def _row(self, design_id: str, columns: Sequence[str]) -> Any:
         """The one-row table of a design."""
-        prefix = design_id.lower()
-        if len(prefix) < _SHORTEST_PREFIX or set(prefix) - set("0123456789abcdef"):
-            raise InputError(f"design {design_id!r}: give at least {_SHORTEST_PREFIX} hex digits of its id")
+        prefix = checked_prefix(design_id)
         found = self._found(prefix, columns) or read_of_parts(
             self.path, None, lambda parts: self._found(prefix, columns, parts)
         )

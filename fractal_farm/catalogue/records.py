@@ -54,6 +54,20 @@ def committed_until(root: Path, run_id: str) -> int:
     return chain[-1][1].epochs[1] if chain else -1
 
 
+def last_epoch(root: Path, run_id: str) -> int:
+    """The last epoch that a run, or `layout.HAND`, has committed, even beyond a lost part; -1 before the first.
+
+    Raises:
+        FarmError: a part is missing or damaged.
+    """
+
+    def read(parts: list[PartName]) -> int:
+        commits = (commit for part in parts for commit in read_commits(root, part, records=False))
+        return max((commit.epochs[1] for commit in commits), default=-1)
+
+    return read_of_parts(root, run_id, read)
+
+
 def _without_gap(root: Path, parts: list[PartName]) -> list[tuple[PartName, Commit]]:
     """The commits that follow on each other, without their records, and the parts that hold them."""
     found = [(part, commit) for part in parts for commit in read_commits(root, part, records=False)]

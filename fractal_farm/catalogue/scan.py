@@ -6,7 +6,7 @@ a few columns; the others are read for the rows that were chosen alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from fractal_farm.catalogue.identities import DIGITS, SHORTEST_PREFIX, id_pieces, id_words
 from fractal_farm.catalogue.layout import PartName
 from fractal_farm.catalogue.parts import ROW_GROUP, open_part, read_columns
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA, KINDS, ORDER_OF_BIRTH, PLANTED
@@ -24,12 +25,9 @@ RANK = ("design_id", "kind", "operator", *ORDER_OF_BIRTH, "run_id", "created_us"
 """Of rows with equal design_id the first in this order stands; a design comes before an ancestor, and what was bred
 before what was planted: the founder of one run is a child of another. Designs made by hand have no place of birth."""
 
-_ID_DIGITS = 32
-_SHORTEST_PREFIX = 4
 _MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xC2B2AE3D27D4EB4F))
 
 Places = npt.NDArray[np.int64]
-Words = npt.NDArray[np.uint64]
 
 
 class Rows:
@@ -85,11 +83,11 @@ class Rows:
     def beginning_with(self, prefix: str) -> Places:
         """The rows whose design_id begins with these digits, four or more."""
         wanted = prefix.encode()
-        head = np.frombuffer(wanted[:_SHORTEST_PREFIX], np.uint32)
+        head = np.frombuffer(wanted[:SHORTEST_PREFIX], np.uint32)
         found, before = [np.zeros(0, np.int64)], 0
-        for words in _id_pieces(self.read(["design_id"]).column(0)):
+        for words in id_pieces(self.read(["design_id"]).column(0)):
             near = np.flatnonzero(words.view(np.uint32)[:, 0] == head)
-            digits = words[near].view(np.uint8).reshape(-1, _ID_DIGITS)[:, : len(wanted)]
+            digits = words[near].view(np.uint8).reshape(-1, DIGITS)[:, : len(wanted)]
             found.append(before + near[(digits == np.frombuffer(wanted, np.uint8)).all(axis=1)])
             before += len(words)
         return np.concatenate(found)
@@ -179,24 +177,6 @@ def one_of_each(column: Any, places: Places) -> Places:
     return np.sort(np.concatenate([np.setdiff1d(places, repeated, assume_unique=True), repeated[first]]))
 
 
-def id_words(column: Any) -> Words:
-    """A column of design_ids as (n, 4) uint64: the 32 digits as they are, eight a word."""
-    return np.concatenate(list(_id_pieces(column)))
-
-
-def _id_pieces(column: Any) -> Iterator[Words]:
-    """The same in pieces that are not copied."""
-    yield np.zeros((0, 4), np.uint64)
-    for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
-        if not len(chunk):
-            continue
-        _, offsets, digits = chunk.buffers()
-        ends = np.frombuffer(offsets, np.int32)[chunk.offset : chunk.offset + len(chunk) + 1]
-        if chunk.null_count or (np.diff(ends) != _ID_DIGITS).any():
-            raise FarmError(f"design_id: not {_ID_DIGITS} digits in every row; see `farm verify`")
-        yield np.ndarray((len(chunk), 4), np.uint64, digits, int(ends[0]))
-
-
 def _near_the_end(column: Any, places: Places, descending: bool, limit: int) -> Places:
     """Of some rows those that may be among the first so many in the order of a column; all where that is not plain."""
     kind = column.type
@@ -212,7 +192,7 @@ def _near_the_end(column: Any, places: Places, descending: bool, limit: int) -> 
 def _repeated(column: Any, places: Places) -> Places:
     """Those of some rows whose design_id others of them have too."""
     with np.errstate(over="ignore"):
-        marks = np.concatenate([words[:, 0] * _MIX[0] + words[:, 1] * _MIX[1] for words in _id_pieces(column)])[places]
+        marks = np.concatenate([words[:, 0] * _MIX[0] + words[:, 1] * _MIX[1] for words in id_pieces(column)])[places]
     ordered = np.sort(marks)
     twice = ordered[1:][ordered[1:] == ordered[:-1]]
     if not len(twice):

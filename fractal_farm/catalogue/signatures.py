@@ -17,21 +17,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from fractal_farm.catalogue.durable import put
 from fractal_farm.catalogue.identities import DIGITS, find_id, id_array
 from fractal_farm.catalogue.layout import INDEX, PartName, crc32c
-from fractal_farm.catalogue.parts import read_of_parts, read_rows
+from fractal_farm.catalogue.parts import PartGoneError, read_of_parts
 from fractal_farm.catalogue.scan import Rows
-from fractal_farm.catalogue.schema import DESCRIPTOR_LENGTH, KINDS, ORDER_OF_BIRTH
+from fractal_farm.catalogue.schema import DESCRIPTOR_LENGTH
 from fractal_farm.distinctness import LENGTH, projection, signatures
 from fractal_farm.errors import FarmError
 
 _MARKS = tuple(f"mark{axis}" for axis in range(LENGTH))
 _NUMBERS = {"fitness": np.float32, "gap": np.float32, "n_maps": np.int8}
 _FIELDS: list[tuple[str, Any]] = [*((field, np.float32) for field in _MARKS), *_NUMBERS.items(), ("place", np.int32)]
-_READ = ("design_id", "kind", *ORDER_OF_BIRTH, "d0", "d2", "descriptor", *_NUMBERS)
+_READ = ("d0", "d2", "descriptor", *_NUMBERS)
+_BLOCK = 1 << 16
 
 IntArray = npt.NDArray[np.intp]
 
@@ -106,7 +106,13 @@ class SignatureIndex:
         """
         rows = Rows([(self.root, part) for part in self.parts])
         places = self.places[np.asarray(indices, np.intp)].astype(np.int64)
-        found: list[dict[str, Any]] = rows.take(columns, places).to_pylist()
+        try:
+            found: list[dict[str, Any]] = rows.take(columns, places).to_pylist()
+        except PartGoneError:  # merged with others since they were listed
+            now = open_signatures(self.root)
+            if now.parts == self.parts:
+                raise
+            return now.rows([now.find(self.design_id(index)) for index in indices], columns)
         return found
 
 
@@ -148,40 +154,27 @@ def _key(parts: Sequence[PartName]) -> str:
 
 
 def _built(root: Path, parts: Sequence[PartName]) -> Any:
-    tables = []
-    first = 0
-    for part in parts:
-        tables.append(_columns(read_rows(root, part, _READ), first))
-        first += part.rows
-    ids, births, rest = (np.concatenate(column) for column in zip(_nothing(), *tables, strict=True))
-    born = np.lexsort(births.T[::-1])
-    order = born[np.unique(ids[born], return_index=True)[1]]
+    rows = Rows([(root, part) for part in parts])
+    places = rows.standing(ancestors=False)
+    ids = id_array(rows.read(["design_id"]).column(0))[places]
+    facts = np.empty(len(places), _FIELDS)
+    facts["place"] = places
+    for start in range(0, len(places), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        table = rows.take(_READ, places[block])
+        for field, values in zip(_MARKS, row_signatures(table).T, strict=True):
+            facts[field][block] = values
+        for field in _NUMBERS:
+            facts[field][block] = table.column(field).to_numpy()
+    order = np.argsort(ids)
     return pa.table(
         {
             "design_id": pa.FixedSizeBinaryArray.from_buffers(
                 pa.binary(DIGITS), len(order), [None, pa.py_buffer(ids[order].tobytes())]
             ),
-            **{field: np.ascontiguousarray(rest[field][order]) for field, _ in _FIELDS},
+            **{field: np.ascontiguousarray(facts[field][order]) for field, _ in _FIELDS},
         }
     )
-
-
-def _columns(table: Any, first: int) -> tuple[npt.NDArray[Any], ...]:
-    """Ids, births and all else of the designs in one part, whose first row has a number."""
-    places = np.flatnonzero(pc.equal(table.column("kind"), KINDS[0]).to_numpy())
-    table = table.take(pa.array(places)).combine_chunks()
-    _, births, rest = _nothing(table.num_rows)
-    births[:] = np.column_stack([table.column(name).to_numpy() for name in ORDER_OF_BIRTH])
-    for field, values in zip(_MARKS, row_signatures(table).T, strict=True):
-        rest[field] = values
-    for field in _NUMBERS:
-        rest[field] = table.column(field).to_numpy()
-    rest["place"] = first + places
-    return id_array(table.column("design_id")), births, rest
-
-
-def _nothing(rows: int = 0) -> tuple[npt.NDArray[Any], ...]:
-    return np.empty(rows, f"S{DIGITS}"), np.empty((rows, len(ORDER_OF_BIRTH)), np.int64), np.empty(rows, _FIELDS)
 
 
 def _stored(root: Path, name: str) -> Any:

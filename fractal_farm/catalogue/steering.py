@@ -82,6 +82,7 @@ def bind_wishes(root: Path, run_id: str, epoch: int) -> list[SteeringRequest]:
         The new requests, in order; they are durable.
 
     Raises:
+        StorageFullError: no space left; wishes before the one that found none are bound.
         FarmError: a document is damaged, or the file system failed.
     """
     directory = run_directory(root, run_id)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
 
+IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs, or the first digits of their ids.")]
 DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
 
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "island", "generation")
@@ -237,7 +238,7 @@ def _chosen(columns: str | None, form: Format, table: Any) -> list[str]:
     for name in chosen:
         if name not in known:
             raise InputError(f"--columns: unknown column {name!r}; the columns are {', '.join(_all_columns())}")
-    return chosen
+    return list(dict.fromkeys(chosen))
 
 
 def _encoded(table: Any, form: Format) -> bytes:

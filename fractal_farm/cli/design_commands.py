@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fractal_farm.cli.catalogue_commands import DirectoryArgument
-from fractal_farm.cli.output import AsJson, print_json, print_table, say, write_file
+from fractal_farm.cli.catalogue_commands import DirectoryArgument, IdsArgument
+from fractal_farm.cli.output import AsJson, check_png, print_json, print_table, say, write_file, write_png
 from fractal_farm.errors import InputError
 
 if TYPE_CHECKING:
     from fractal_farm.ifs.genome import Genome
-
-IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs, or the first digits of their ids.")]
 
 
 class Colours(enum.StrEnum):
@@ -101,15 +99,13 @@ def render(
     colours: Annotated[Colours, typer.Option(help="Colouring.")] = Colours.GRADIENT,
 ) -> None:
     """Draw designs as a picture or a sheet."""
-    import io
     import math
 
     from fractal_farm.catalogue import Catalogue
     from fractal_farm.catalogue.rows import genome_of
     from fractal_farm.picture import design_sheet, render_genome
 
-    if output.suffix.lower() != ".png":
-        raise InputError(f"--output {output}: the picture is a PNG; give a name that ends in .png")
+    check_png("--output", output)
     catalogue = Catalogue.open(directory)
     rows = [catalogue.design(identity) for identity in ids]
     if len(rows) == 1:
@@ -117,10 +113,7 @@ def render(
     else:
         captioned = [(genome_of(row), f"{row['design_id'][:8]}  {row['fitness']:.3f}") for row in rows]
         picture = design_sheet(captioned, math.ceil(math.sqrt(len(rows))), size, colouring=colours.value)
-    buffer = io.BytesIO()
-    picture.save(buffer, "PNG")
-    write_file(output, buffer.getvalue())
-    say(f"wrote {output}")
+    write_png(output, picture)
 
 
 def mesh(

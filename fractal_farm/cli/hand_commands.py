@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fractal_farm.cli.catalogue_commands import DirectoryArgument
+from fractal_farm.cli.catalogue_commands import DirectoryArgument, IdsArgument
 from fractal_farm.cli.output import AsJson, print_facts, print_json, print_table, results_only_on_stdout, say
 from fractal_farm.cli.run_commands import (
     AddressOption,
@@ -19,14 +19,13 @@ from fractal_farm.cli.run_commands import (
     saying_how_to_resume,
 )
 from fractal_farm.errors import InputError
+from fractal_farm.farm.interrupts import listening
 from fractal_farm.ifs.symmetry import ALLOWED
 
 if TYPE_CHECKING:
     from fractal_farm.catalogue import Judgement
 
 _LIKES_SHOWN = 5
-
-IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs, or the first digits of their ids.")]
 
 
 def rate(
@@ -100,6 +99,7 @@ def preference(directory: DirectoryArgument, as_json: AsJson = False) -> None:
     )
 
 
+@listening()
 def breed(
     directory: DirectoryArgument,
     ids: Annotated[
@@ -161,7 +161,7 @@ def _breed(
 
     founders = founders_of(directory, ids)
     config = breeding_config(founders, overrides or ())
-    target = directory if into else out if out is not None else directory.with_name(f"{directory.resolve().name}-bred")
+    target = directory if into else out if out is not None else _beside(directory)
     say(f"breeding from {', '.join(identity[:8] for identity in founders.design_ids)}")
     for name, before, now in founders.lowered(config):
         say(f"  {name} is {now:g} instead of {before:g}, which not all of them reach")
@@ -175,6 +175,12 @@ def _breed(
             callbacks=[display],
         )
     return report_end(summary, as_json)
+
+
+def _beside(directory: Path) -> Path:
+    """Where a bred catalogue goes if nobody says: beside the one that its founders come from."""
+    named = directory if directory.name not in ("", "..") else directory.resolve()
+    return named.with_name(f"{directory.resolve().name}-bred")
 
 
 def _steer(directory: Path, ids: list[str], run: str | None, as_json: bool) -> int:

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fractal_farm.cli.catalogue_commands import DesignArgument, DirectoryArgument
-from fractal_farm.cli.output import AsJson, print_facts, print_json, print_table, say, write_file
+from fractal_farm.cli.output import AsJson, check_png, print_facts, print_json, print_table, say, write_png
 from fractal_farm.errors import InputError
 
 if TYPE_CHECKING:
-    from PIL.Image import Image
-
     from fractal_farm.catalogue.comparison import Comparison
     from fractal_farm.catalogue.similar import Similar
 
@@ -75,7 +73,7 @@ def prototypes(
     from fractal_farm.catalogue.signatures import open_signatures
     from fractal_farm.picture import design_sheet
 
-    _check_png("--sheet", sheet)
+    check_png("--sheet", sheet)
     index = open_signatures(Catalogue.open(directory).path)
     groups = chosen(index.marks, count)
     known = int(groups.sizes.sum())
@@ -97,8 +95,7 @@ def prototypes(
         genomes = [genome_of(row) for row in index.rows(groups.medoids, GENOME_COLUMNS)]
         captions = [f"{row['design_id'][:8]}  x {row['designs']:,}" for row in rows]
         picture = design_sheet(list(zip(genomes, captions, strict=True)), _SHEET_COLUMNS, _TILE)
-        write_file(sheet, _png(picture))
-        say(f"wrote {sheet}")
+        write_png(sheet, picture)
     if as_json:
         print_json(rows)
         return
@@ -122,12 +119,11 @@ def diff(
     from fractal_farm.catalogue.rows import genome_of
     from fractal_farm.picture import design_sheet
 
-    _check_png("--picture", picture)
+    check_png("--picture", picture)
     comparison = compared(Catalogue.open(directory), first, second)
     if picture is not None:
         designs = [(genome_of(row), f"{row['design_id'][:8]}  {row['fitness']:.3f}") for row in comparison.rows]
-        write_file(picture, _png(design_sheet(designs, 2, _LARGE_TILE)))
-        say(f"wrote {picture}")
+        write_png(picture, design_sheet(designs, 2, _LARGE_TILE))
     if as_json:
         facts = asdict(comparison)
         scores = [{**asdict(score), "deviations": score.deviations} for score in comparison.scores]
@@ -178,16 +174,3 @@ def _as_dict(hit: Similar) -> dict[str, Any]:
     from dataclasses import asdict
 
     return {**asdict(hit), "same_shape": hit.same_shape}
-
-
-def _check_png(option: str, path: Path | None) -> None:
-    if path is not None and path.suffix.lower() != ".png":
-        raise InputError(f"{option} {path}: the picture is a PNG; give a name that ends in .png")
-
-
-def _png(picture: Image) -> bytes:
-    import io
-
-    content = io.BytesIO()
-    picture.save(content, "PNG")
-    return content.getvalue()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
-from fractal_farm.cli.output import print_json, print_table, print_tree, say
+from fractal_farm.cli.output import AsJson, print_json, print_table, print_tree, say
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.symmetry import NO_SYMMETRY
 
@@ -44,12 +44,14 @@ def lineage(
     gap: Annotated[
         float, typer.Option(min=0, help="Widest gap that prints in one piece: wall over size.", show_default="0.8/30")
     ] = 0.8 / 30,
+    as_json: AsJson = False,
 ) -> None:
     """Show where a design comes from; without ID, which ancestors and operators led on."""
     from fractal_farm.catalogue import Catalogue
     from fractal_farm.catalogue.lineage import read_lineage
     from fractal_farm.catalogue.pedigree import pedigree
 
+    form = TreeFormat.JSON if as_json else form
     catalogue = Catalogue.open(directory)
     if design is None and form is TreeFormat.DOT:
         raise InputError("--format dot: draws the family of one design; give its ID")

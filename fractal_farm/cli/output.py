@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 import os
@@ -18,6 +19,7 @@ import typer
 from fractal_farm.errors import InputError
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
     from rich.console import Console
     from rich.table import Table
     from rich.tree import Tree
@@ -124,6 +126,20 @@ def write_file(path: Path, content: bytes) -> None:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def write_png(path: Path, picture: Image) -> None:
+    """Write a picture, and say so."""
+    content = io.BytesIO()
+    picture.save(content, "PNG")
+    write_file(path, content.getvalue())
+    say(f"wrote {path}")
+
+
+def check_png(option: str, path: Path | None) -> None:
+    """Refuse a name, if there is one, that is not a PNG file's, before anything is drawn."""
+    if path is not None and path.suffix.lower() != ".png":
+        raise InputError(f"{option} {path}: the picture is a PNG; give a name that ends in .png")
 
 
 def check_writable(path: Path) -> None:

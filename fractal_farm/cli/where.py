@@ -21,6 +21,7 @@ from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.errors import InputError
 
 LENGTH_LIMIT = 1000
+_LARGEST = 2**63 - 1
 
 _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Lt: operator.lt,
@@ -54,7 +55,9 @@ def filter_expression(text: str, schema: Any) -> Any:
     try:
         tree = ast.parse(text.strip(), mode="eval")
         return _logical(tree.body, text, schema)
-    except (SyntaxError, RecursionError, MemoryError, ValueError):
+    except pa.ArrowException as error:
+        raise _unfitting(text, error) from None
+    except (SyntaxError, RecursionError, MemoryError, ValueError, OverflowError):
         hint = "; write == for equality" if "=" in text and "==" not in text else ""
         raise InputError(f"--where {text!r}: not an expression such as 'fitness > 0.9 and n_maps == 3'{hint}") from None
 
@@ -134,7 +137,7 @@ def _element(column: ast.Name, place: ast.expr, text: str, schema: Any) -> Any:
     """An element of a list, counted from 0; null where the list is shorter."""
     kind = _type(column, schema)
     number: Any = _constant(place, text)
-    if not _is_list(kind) or type(number) is not int or number < 0:
+    if not _is_list(kind) or type(number) is not int or not 0 <= number < LENGTH_LIMIT:
         raise _not_understood(column, text)
     one = pc.list_slice(pc.field(column.id), number, number + 1, return_fixed_size_list=True)
     return pc.list_element(one, 0)
@@ -158,7 +161,9 @@ def _constant(node: ast.expr, text: str) -> float | str | bool:
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return -value
     elif isinstance(node, ast.Constant) and isinstance(node.value, (int, float, str)):
-        return node.value
+        # What no column of whole numbers can hold is compared as Arrow can: as a real number.
+        is_huge = isinstance(node.value, int) and node.value > _LARGEST
+        return float(node.value) if is_huge else node.value
     raise _not_understood(node, text)
 
 
@@ -188,5 +193,8 @@ def explained_selection(text: str | None) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, TypeError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"--where {text!r}: {reason}; compare numbers with numbers") from None
+        raise _unfitting(text, error) from None
+
+
+def _unfitting(text: str | None, error: Exception) -> InputError:
+    return InputError(f"--where {text!r}: {str(error).splitlines()[0]}; compare numbers with numbers")

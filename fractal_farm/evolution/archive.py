@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
-from fractal_farm.distinctness import DistinctSet, signatures
+from fractal_farm.distinctness import LENGTH, DistinctSet, signatures
 from fractal_farm.evolution.designs import Designs
 
 FloatArray = npt.NDArray[np.float64]
@@ -52,7 +52,13 @@ class Archive:
     def __init__(self, library: Designs, config: EvolutionConfig) -> None:
         self.library = library.copy()
         self._config = config
+        self._elsewhere = np.zeros((0, LENGTH))
         self._shapes = DistinctSet(signatures_of(library))
+
+    def hear(self, elsewhere: FloatArray) -> None:
+        """Turn away, from now on, what is like one of these (n, 6) signatures of shapes found elsewhere."""
+        self._elsewhere = elsewhere
+        self._shapes = self._known()
 
     def sift(self, offered: Designs) -> tuple[list[int], list[tuple[int, int]]]:
         """Take in the distinct among some designs, and count hits.
@@ -64,11 +70,11 @@ class Archive:
             Indices of those that entered, which are the last members now, in this order; and (index, member) of
             near-duplicates of earlier members that do not print.
         """
-        members = len(self.library)
+        members, others = len(self.library), len(self._elsewhere)
         nearest, entered = self._shapes.sift(signatures_of(offered))
         self.library = np.concatenate([self.library, offered[entered]])
         rivals = []
-        for index, member in enumerate(nearest):
+        for index, member in enumerate(number - others for number in nearest):
             if member >= 0 and not entered[index]:
                 self.library["hits"][member] += 1
                 if member < members and not self.library["gap"][member] <= self._config.niches.gap:
@@ -97,4 +103,7 @@ class Archive:
         if len(self.library) > capacity:
             order = np.argsort(-parent_weights(self.library, self._config), kind="stable")
             self.library = self.library[np.sort(order[:capacity])]
-            self._shapes = DistinctSet(signatures_of(self.library))
+            self._shapes = self._known()
+
+    def _known(self) -> DistinctSet:
+        return DistinctSet(np.concatenate([self._elsewhere, signatures_of(self.library)]))

@@ -12,17 +12,23 @@ from fractal_farm.evolution.archive import Archive
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, without_repeats
 from fractal_farm.evolution.epoch import Candidates, GenerationStatistics, Scores
 from fractal_farm.evolution.migration import settle
+from fractal_farm.evolution.screening import ForeseenShapes
 
 _GAP = SCORE_FIELDS.index("gap")
 
 
 @dataclass
 class WorkingSpace:
-    """The working space of one epoch; with niches the archive holds the library, and `chosen` are parents besides."""
+    """The working space of one epoch.
+
+    With niches the archive holds the library, and what is foreseen of known shapes is beside it; `chosen` are parents
+    besides.
+    """
 
     library: Designs
     chosen: Designs
     archive: Archive | None = None
+    foreseen: ForeseenShapes | None = None
     born: list[Designs] = field(default_factory=list)
     statistics: list[GenerationStatistics] = field(default_factory=list)
 

@@ -20,6 +20,8 @@ from fractal_farm.ifs.genome import ROW_LENGTH, Genome, Phenotype
 Wanted = Literal["foreseen", "printable", "scores", "gap"]
 STEERED = -1
 """In an inbox, the source of designs that somebody chose: only genes, identity and birth place are filled in."""
+ELSEWHERE = -2
+"""In an inbox, the source of what other islands have found, see `hearsay.FIND`."""
 
 
 class Candidates(NamedTuple):
@@ -98,10 +100,17 @@ class GenerationStatistics:
 
 @dataclass(frozen=True)
 class IslandState:
-    """An island after an epoch; epoch -1 is before it was founded, with an empty library."""
+    """An island after an epoch; epoch -1 is before it was founded, with an empty library.
+
+    Attributes:
+        epoch: its number.
+        library: members.
+        elsewhere: what it had heard of other islands by then; None if they keep their finds to themselves.
+    """
 
     epoch: int
     library: Designs
+    elsewhere: Designs | None = None
 
 
 @dataclass(frozen=True)
@@ -139,6 +148,14 @@ def founding_state(config: EvolutionConfig) -> IslandState:
     """The state of any island before its first epoch."""
     dtype = design_dtype(max_maps(config), ROW_LENGTH[config.phenotype.family])
     return IslandState(-1, np.zeros(0, dtype))
+
+
+def state_after(before: IslandState, record: EpochRecord, inbox: list[tuple[int, Designs]]) -> IslandState:
+    """The state at the end of a record's epoch, from the one before it and what had arrived."""
+    news = [found for source, found in inbox if source == ELSEWHERE]
+    heard = [found for found in (before.elsewhere, *news) if found is not None]
+    elsewhere = np.concatenate(heard) if heard else None
+    return IslandState(record.epoch, library_after(before.library, record), elsewhere)
 
 
 def library_after(previous: Designs, record: EpochRecord) -> Designs:

@@ -23,6 +23,7 @@ from fractal_farm.evolution.designs import (
     without_repeats,
 )
 from fractal_farm.evolution.epoch import (
+    ELSEWHERE,
     STEERED,
     Candidates,
     EpochRecord,
@@ -31,9 +32,10 @@ from fractal_farm.evolution.epoch import (
     Scores,
     founding_state,
 )
+from fractal_farm.evolution.fullness import is_full
 from fractal_farm.evolution.migration import emigrants
 from fractal_farm.evolution.offspring import Brood, founders, offspring
-from fractal_farm.evolution.screening import evaluated, screened_founders, screened_offspring
+from fractal_farm.evolution.screening import ForeseenShapes, evaluated, screened_founders, screened_offspring
 
 _GAP = SCORE_FIELDS.index("gap")
 ACCEPTED_BLOCK = 32
@@ -51,8 +53,9 @@ def advance(
 
     Args:
         state: the island after epoch - 1.
-        inbox: (source island, emigrants) for each source, in index order; (`STEERED`, designs) for those that somebody
-            wants it to breed from, which arrive in the epoch that is their birth place's.
+        inbox: (source island, emigrants) for each source, in index order; (`ELSEWHERE`, finds) of other islands;
+            (`STEERED`, designs) for those that somebody wants it to breed from, which arrive in the epoch that is
+            their birth place's.
         config: the evolution section of the run's configuration.
         island: index of the island.
         epoch: number of the epoch, from 0; epoch 0 also founds the library.
@@ -70,10 +73,11 @@ def advance(
         brood = founders(config, island) if work.archive is None else (yield from screened_founders(config, island))
         scores = yield from evaluated(brood)
         yield from _found(work, brood, scores, config, island)
-    migrants = [(source, leaving) for source, leaving in inbox if source != STEERED]
+    migrants = [(source, leaving) for source, leaving in inbox if source not in (STEERED, ELSEWHERE)]
     found_place = settled(work, [leaving for _, leaving in migrants], config, island, first) if migrants else 0
     for designs in (designs for source, designs in inbox if source == STEERED):
         yield from steered(work, designs, config, island, epoch)
+    _hear(work, state, [found for source, found in inbox if source == ELSEWHERE], config)
     for generation in range(first, first + config.generations_per_epoch):
         yield from _generation(work, config, island, epoch, generation)
     yield from _measure_gaps(work, config)
@@ -132,6 +136,16 @@ def _found(
     work.statistics.append(_statistics(work, config, 0, rows["fitness"], scores.refusals, len(found)))
 
 
+def _hear(work: WorkingSpace, state: IslandState, news: list[Designs], config: EvolutionConfig) -> None:
+    """What other islands have found is known from now on; migrants were taken in all the same."""
+    if work.archive is None:
+        return
+    heard = [found for found in (state.elsewhere, *news) if found is not None]
+    if heard:
+        work.archive.hear(np.concatenate([found["signature"] for found in heard]))
+    work.foreseen = ForeseenShapes(np.concatenate([found["foreseen"] for found in (work.library, *heard)]), config)
+
+
 def _generation(
     work: WorkingSpace, config: EvolutionConfig, island: int, epoch: int, generation: int
 ) -> Generator[Candidates, Scores, None]:
@@ -140,11 +154,17 @@ def _generation(
     refusals: list[npt.NDArray[np.uint8]] = []
     accepted = 0
     block = 0
+    if work.foreseen is not None:
+        born_since = (work.library["epoch"] == epoch) & (work.library["island"] == island)
+        work.foreseen.forget_candidates(work.library["foreseen"][born_since])
     while True:
         slots = config.offspring or ACCEPTED_BLOCK
         if work.archive is not None:
             place = (island, generation, block)
-            brood, scores = yield from screened_offspring(work.library, config, *place, slots, work.chosen)
+            assert work.foreseen is not None
+            brood, scores = yield from screened_offspring(
+                work.library, config, *place, slots, work.foreseen, work.chosen
+            )
         else:
             brood = offspring(work.library, config, island, generation, block, slots, work.chosen)
             scores = yield from evaluated(brood)
@@ -175,9 +195,13 @@ def _generation(
 def _enter(
     work: WorkingSpace, archive: Archive, scored: Designs, config: EvolutionConfig
 ) -> Generator[Candidates, Scores, Designs]:
-    """The distinct among the qualified enter the archive, with their gap or a bound of it; those that did."""
-    qualified = scored[scored["fitness"] > config.qualified]
-    offered = without_repeats(_identified(qualified, config), archive.library)
+    """The distinct among the qualified enter the archive, with their gap or a bound of it; those that did.
+
+    Bare lines stay out, unless they were given as seeds.
+    """
+    qualified = scored["fitness"] > config.qualified
+    welcome = is_full(scored["d0"], scored["descriptor"], config) | (scored["operator"] == Operator.SEED)
+    offered = without_repeats(_identified(scored[qualified & welcome], config), archive.library)
     entered, rivals = archive.sift(offered)
     asked = offered[entered + [index for index, _ in rivals]]
     unknown = np.isnan(asked["gap"])

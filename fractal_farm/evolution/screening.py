@@ -1,8 +1,9 @@
 """Which of many drawn genomes are evaluated, with niches: those that closed forms speak for, and that print.
 
 Of `DRAWS` genomes a slot takes the first whose similarity dimension is in range, whose fitness is expected to qualify,
-and whose shape is foreseen to be unlike all members of the archive and all candidates before it. If its gap turns out
-too wide, the slot is drawn for again. What is foreseen decides who is evaluated, never what is kept.
+and whose shape is foreseen to be more than a bare line, and unlike all members of the archive and all candidates before
+it. If its gap turns out too wide, the slot is drawn for again. What is foreseen decides who is evaluated, never what is
+kept.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from fractal_farm.config import EvolutionConfig
 from fractal_farm.distinctness import DistinctSet, signatures
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
 from fractal_farm.evolution.epoch import Candidates, Scores, Wanted
+from fractal_farm.evolution.fullness import is_full
 from fractal_farm.evolution.offspring import Brood, Slots, draws, joined, planted, selected
 
 DRAWS = 16
@@ -30,6 +32,7 @@ def screened_offspring(
     generation: int,
     block: int,
     slots: int,
+    shapes: ForeseenShapes,
     chosen: Designs | None = None,
 ) -> Generator[Candidates, Scores, tuple[Brood, Scores]]:
     """A block of offspring that are worth an evaluation and print in one piece, and their scores.
@@ -41,12 +44,12 @@ def screened_offspring(
         generation: number of the generation, from 1.
         block: number of the block within the generation.
         slots: slots in a block; those that find no candidate stay empty.
+        shapes: what is foreseen of those that are known; candidates of this block are entered.
         chosen: more parents, see `offspring`.
 
     Yields:
         Candidates; send back their scores.
     """
-    shapes = None if config.niches.foreseen_distance is None else _shapes_foreseen(library["foreseen"], config)
     wanted: Slots = np.arange(slots)
     found: list[tuple[Brood, Scores]] = []
     for again in range(max(1, config.niches.gap_attempts)):
@@ -64,6 +67,33 @@ def screened_offspring(
     order = np.argsort(brood.slots)
     columns = zip(*(scores for _, scores in found), strict=True)
     return selected(brood, order), Scores(*(np.concatenate(parts)[order] for parts in columns))
+
+
+class ForeseenShapes:
+    """What is foreseen of the shapes that somebody has found, and of candidates, for the length of an epoch."""
+
+    def __init__(self, known: npt.NDArray[np.float32], config: EvolutionConfig) -> None:
+        """Begin with the (n, 6) expected signatures of shapes that are known, nan where nothing was expected."""
+        self._distance = config.niches.foreseen_distance
+        self._known = DistinctSet(self._scaled(known))
+        self._since = DistinctSet(self._scaled(known[:0]))
+
+    def forget_candidates(self, born_since: npt.NDArray[np.float32]) -> None:
+        """Forget the candidates of earlier generations, but for those that were found to be new shapes."""
+        self._since = DistinctSet(self._scaled(born_since))
+
+    def sift(self, marks: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        """Which candidates are unlike all that is known, and those before them; they are entered."""
+        if self._distance is None:
+            return np.ones(len(marks), bool)
+        scaled = marks.astype(np.float64) / self._distance
+        unlike = ~self._known.near(scaled)
+        _, unlike[unlike] = self._since.sift(scaled[unlike])
+        return unlike
+
+    def _scaled(self, marks: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+        """In units of the distance that is asked for."""
+        return marks[np.isfinite(marks).all(axis=1)].astype(np.float64) / (self._distance or 1.0)
 
 
 def screened_founders(config: EvolutionConfig, island: int) -> Generator[Candidates, Scores, Brood]:
@@ -93,7 +123,7 @@ def _promising(
     slots: int,
     wanted: Slots,
     again: int,
-    shapes: DistinctSet | None,
+    shapes: ForeseenShapes | None,
     parents: Designs | None = None,
 ) -> Generator[Candidates, Scores, Brood]:
     """For each wanted slot the first of its draws that nothing speaks against."""
@@ -109,8 +139,7 @@ def _promising(
         rows = draw * len(wanted) + np.flatnonzero(is_open)
         rows = rows[good[rows]]
         if shapes is not None and config.foreseeable:
-            _, unlike = shapes.sift(_scaled(brood.foreseen[rows], config))
-            rows = rows[unlike]
+            rows = rows[shapes.sift(brood.foreseen[rows])]
         is_open[rows - draw * len(wanted)] = False
         chosen.append(rows)
     taken = np.concatenate(chosen)
@@ -118,26 +147,21 @@ def _promising(
 
 
 def _worthwhile(foreseen: Scores, config: EvolutionConfig) -> npt.NDArray[np.bool_]:
-    """(B,) bool: similarity dimension in range, and as good as it must be expected to be."""
+    """(B,) bool: similarity dimension in range, as good as it must be expected to be, and no bare line.
+
+    The D0 of a cloud tells of those parts that random iteration reaches: the D2 of closed forms foresees it better
+    (standard deviation .07 for what is nearly a line) than their D0 does (.13).
+    """
     good: npt.NDArray[np.bool_] = foreseen.refusals == 0
     if config.similarity_dimension is not None:
         low, high = config.similarity_dimension
         good &= (foreseen.values[:, _D0] >= low) & (foreseen.values[:, _D0] <= high)
     if config.niches.expected_fitness is not None:
         good &= foreseen.values[:, _FITNESS] >= config.niches.expected_fitness
-    return good
+    return good & is_full(foreseen.values[:, _D2], foreseen.descriptors, config)
 
 
 def _marks(foreseen: Scores) -> npt.NDArray[np.float32]:
     """(B, 6) signatures that are expected."""
     d0, d2 = (np.minimum(foreseen.values[:, k], _MOST_DIMENSIONS) for k in (_D0, _D2))
     return signatures(foreseen.descriptors, d0, d2).astype(np.float32)
-
-
-def _shapes_foreseen(marks: npt.NDArray[np.float32], config: EvolutionConfig) -> DistinctSet:
-    return DistinctSet(_scaled(marks[np.isfinite(marks).all(axis=1)], config))
-
-
-def _scaled(marks: npt.NDArray[np.float32], config: EvolutionConfig) -> npt.NDArray[np.float64]:
-    """In units of the distance that is asked for."""
-    return marks.astype(np.float64) / (config.niches.foreseen_distance or 1.0)

@@ -6,10 +6,9 @@ import contextlib
 import json
 import os
 import time
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from fractal_farm.farm.events import Callback, EpochCompleted, Event, Migration
 
@@ -64,16 +63,3 @@ def _end_of_whole_lines(file: BinaryIO) -> int:
 def log_path(root: Path, run_id: str) -> Path:
     """Where the log of a run lies."""
     return root / "logs" / f"{run_id}.jsonl"
-
-
-def read_log(root: Path, run_id: str) -> Iterator[dict[str, Any]]:
-    """The entries of a log, oldest first; a line that was torn by a crash is passed over."""
-    try:
-        with log_path(root, run_id).open() as lines:
-            for line in lines:
-                try:
-                    yield json.loads(line)
-                except ValueError:
-                    continue
-    except FileNotFoundError:
-        return

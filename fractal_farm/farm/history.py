@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 
 from fractal_farm.catalogue import read_run, run_ends
 from fractal_farm.catalogue.layout import PartName
-from fractal_farm.catalogue.parts import PartGoneError, list_parts, read_commits, read_of_parts, read_rows
+from fractal_farm.catalogue.parts import PartGoneError, read_commits, read_of_parts, read_rows
 from fractal_farm.catalogue.scan import empty_table, indices, one_of_each, places_of
 from fractal_farm.catalogue.schema import KINDS
 from fractal_farm.catalogue.settings import read_settings
@@ -193,21 +193,22 @@ class RunHistory:
             self.damage.append(str(error))
 
     def _read_parts(self) -> None:
-        listed = list_parts(self.root, self.run_id)
-        for name in listed:
-            if name not in self._parts:
-                try:
-                    self._parts[name] = self._read_part(name)
-                except PartGoneError:
-                    self._read_parts()  # merged with others since it was listed
-                    return
-                except FarmError as error:
-                    self._parts[name] = str(error)
-        self._parts = {name: self._parts[name] for name in listed}
+        self._parts = read_of_parts(
+            self.root, self.run_id, lambda parts: {name: self._parts.get(name) or self._part(name) for name in parts}
+        )
         found = list(self._parts.values())
         self.damage += [part for part in found if isinstance(part, str)]
         commits = [commit for part in found if isinstance(part, _Part) for commit in part.commits]
         self.commits = sorted(commits, key=lambda commit: (commit.first_epoch, commit.last_epoch))
+
+    def _part(self, name: PartName) -> _Part | str:
+        """What there is in a part, or in words why it cannot be read."""
+        try:
+            return self._read_part(name)
+        except PartGoneError:
+            raise
+        except FarmError as error:
+            return str(error)
 
     def _read_part(self, name: PartName) -> _Part:
         commits = []

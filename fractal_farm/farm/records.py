@@ -14,6 +14,7 @@ import numpy as np
 
 from fractal_farm.evolution.designs import Designs
 from fractal_farm.evolution.epoch import EpochRecord, GenerationStatistics, IslandState
+from fractal_farm.evolution.hearsay import FIND
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.work import SetAside
 
@@ -109,22 +110,23 @@ def read_summary(blob: bytes) -> dict[str, Any]:
     return summary
 
 
-def pack_states(states: dict[int, IslandState]) -> bytes:
-    """The states of all islands after one epoch."""
+def pack_states(states: dict[int, IslandState], found: Designs | None) -> bytes:
+    """The states of all islands after one epoch, and what was found by then (`hearsay.FIND` rows)."""
     islands = sorted(states)
-    return _pack(
-        {"islands": islands, "epoch": states[islands[0]].epoch},
-        [states[island].library for island in islands],
-    )
+    found = np.zeros(0, FIND) if found is None else found
+    arrays = [array for island in islands for array in (states[island].library, found[found["island"] == island])]
+    return _pack({"islands": islands, "epoch": states[islands[0]].epoch}, arrays)
 
 
-def unpack_states(blob: bytes, dtype: np.dtype[Any]) -> dict[int, IslandState]:
+def unpack_states(blob: bytes, dtype: np.dtype[Any]) -> tuple[dict[int, IslandState], Designs]:
     """The inverse of `pack_states`."""
-    header, libraries = _unpack(blob, [dtype])
-    return {
+    header, arrays = _unpack(blob, [dtype, FIND])
+    found = np.concatenate(arrays[1::2])
+    states = {
         island: IslandState(header["epoch"], library)
-        for island, library in zip(header["islands"], libraries, strict=True)
+        for island, library in zip(header["islands"], arrays[::2], strict=True)
     }
+    return states, found[np.lexsort((found["island"], found["epoch"]))]
 
 
 def _pack(header: Any, arrays: list[Designs]) -> bytes:

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow.compute as pc
 
-from fractal_farm.catalogue import Catalogue, committed_records, committed_until, latest_snapshot
-from fractal_farm.catalogue.parts import read_commits, read_of_parts
+from fractal_farm.catalogue import Catalogue, committed_records, committed_until, last_epoch, latest_snapshot
 from fractal_farm.catalogue.rows import GENOME_COLUMNS, genome_of
 from fractal_farm.catalogue.steering import steering_requests
 from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import LENGTH, DistinctSet, signatures
 from fractal_farm.errors import FarmError
 from fractal_farm.evolution.epoch import IslandState, founding_state, library_after
+from fractal_farm.evolution.hearsay import FIND, Hearsay, are_shared, finds_of
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.events import Progress
 from fractal_farm.farm.mesh_queue import MeshQueue
@@ -37,15 +37,15 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     evolution = config.evolution
     empty = founding_state(evolution)
     dtype = empty.library.dtype
-    states = dict.fromkeys(range(evolution.islands), empty)
+    states, found = dict.fromkeys(range(evolution.islands), empty), np.zeros(0, FIND)
     last = committed_until(root, config.run_id)
     lag = evolution.migration.lag
     # Emigrants of the last `lag` epochs are still under way, so the replay begins before them.
     if (snapshot := latest_snapshot(root, config.run_id, last - lag)) is not None:
-        states = unpack_states(snapshot[1], dtype)
+        states, found = unpack_states(snapshot[1], dtype)
     start = states[0].epoch
     progress, elapsed_s = Progress(), 0.0
-    outbox = []
+    outbox, finds = [], [found]
     steered = 0
     for (_, until), blob in committed_records(root, config.run_id, after=min(start, last - 1)):
         ledger = unpack_ledger(blob, dtype)
@@ -57,9 +57,11 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
                 state = IslandState(record.epoch, library_after(before.library, record))
                 states[record.island] = state
                 outbox.append((record.island, record.epoch, state.library[record.emigrants]))
+                finds.append(finds_of(record))
     migration = evolution.migration
     links = sources(migration.topology, evolution.islands, migration.degree, evolution.seed)
-    schedule = Schedule(links, lag, states)
+    hearsay = Hearsay(np.concatenate(finds)) if are_shared(evolution) else None
+    schedule = Schedule(links, lag, states, last_epoch(root, config.run_id), hearsay)
     for island, epoch, leaving in outbox:
         if epoch > last - lag:
             schedule.remember(island, epoch, leaving)
@@ -73,12 +75,16 @@ def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
     return schedule, progress, elapsed_s
 
 
-def known_shapes(config: RunConfig, root: Path) -> DistinctSet:
-    """The shapes that the committed part of a run has found: those of its published designs, in the order of birth."""
+def known_shapes(config: RunConfig, root: Path, until: int) -> DistinctSet:
+    """The shapes that a run has found up to an epoch: those of its published designs, in the order of birth.
+
+    What was committed beyond a lost part is born again, and must find the same shapes new.
+    """
     shapes = DistinctSet(np.zeros((0, LENGTH)))
     columns = ["epoch", "island", "generation", "slot", "fitness", "d0", "d2", "descriptor"]
     designs = Catalogue.open(root).designs(columns, config.run_id)
-    designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
+    qualified = pc.greater(designs.column("fitness"), config.evolution.qualified)
+    designs = designs.filter(pc.and_(qualified, pc.less_equal(designs.column("epoch"), until)))
     designs = designs.sort_by([(name, "ascending") for name in columns[:4]])
     if len(designs):
         descriptors = np.array(designs.column("descriptor").to_pylist(), np.float32)
@@ -107,14 +113,3 @@ def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
         if row["design_id"] not in made:
             queue.offer(MeshOrder(genome_of(row), parameters, settings.formats), row["fitness"], row["gap"])
     return queue
-
-
-def last_epoch(root: Path, run_id: str) -> int:
-    """The last committed epoch of a run; -1 before the first."""
-    return read_of_parts(
-        root,
-        run_id,
-        lambda parts: max(
-            (commit.epochs[1] for part in parts for commit in read_commits(root, part, records=False)), default=-1
-        ),
-    )

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fractal_farm.catalogue.steering import bind_wishes
+from fractal_farm.catalogue.steering import bind_wishes, steering_requests
 from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import DistinctSet, signatures
-from fractal_farm.errors import FarmError
+from fractal_farm.errors import FarmError, StorageFullError
 from fractal_farm.evolution.designs import Designs, genomes_of
 from fractal_farm.evolution.epoch import EpochRecord, IslandState
 from fractal_farm.farm.events import (
@@ -176,7 +176,11 @@ class Run:
 
     def _take_wishes(self) -> None:
         """What somebody wishes the run to breed from is bound to the first epoch that no island has begun."""
-        requests = bind_wishes(self._root, self._config.run_id, self._schedule.unbegun())
+        run_id, known = self._config.run_id, len(self._schedule.steering)
+        try:
+            requests = bind_wishes(self._root, run_id, self._schedule.unbegun())
+        except StorageFullError:  # the others wait for room; those that are bound begin in time
+            requests = steering_requests(self._root, run_id)[known:]
         take_in(self._schedule, requests, self._config.evolution)
         for request in requests:
             self._announce(Steered(request.first, request.last, request.design_ids))
@@ -192,8 +196,7 @@ class Run:
         short = self._room.is_short()
         if self._ending is None and not backlog and not short:
             for island, epoch in self._schedule.ready():
-                state = self._schedule.state[island]
-                self._executor.start_epoch(island, epoch, self._schedule.start(island, epoch), state)
+                self._executor.start_epoch(island, epoch, *self._schedule.start(island, epoch))
             self._start_meshes(fraction_done(self._config, self.progress, self.elapsed_s))
         if self._withheld and self._in_flight is not None and self._room.due:
             self._withheld = False
@@ -276,7 +279,8 @@ class Run:
         last = group.records[-1].epoch
         snapshot = None
         if last - self._snapshot_epoch >= SNAPSHOT_EPOCHS or self._ending is not None:
-            snapshot = pack_states(group.states)
+            hearsay = self._schedule.hearsay
+            snapshot = pack_states(group.states, None if hearsay is None else hearsay.until(last))
             self._snapshot_epoch = last
         steered = len(self._schedule.steering)
         ledger = Ledger(group.records, group.progress, self.elapsed_s, tuple(group.set_aside), steered)
@@ -364,8 +368,7 @@ class Run:
             island, epoch = lost.what
             self._announce(Fault(f"island {island}", lost.cause, f"epoch {epoch} starts again"))
             if self._ending is None:
-                inbox = self._schedule.start(island, epoch)
-                self._executor.start_epoch(island, epoch, inbox, self._schedule.state[island])
+                self._executor.start_epoch(island, epoch, *self._schedule.start(island, epoch))
 
     def _why_end(self) -> str | None:
         """Reasons that depend on the clock or on somebody's wish: the run ends at its last complete epoch."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from fractal_farm.catalogue import (
     Catalogue,
     begin_run,
     is_unbegun,
+    last_epoch,
     record_end,
     remove_orphans,
     run_ids,
@@ -20,6 +20,7 @@ from fractal_farm.catalogue import (
     what_is_there,
 )
 from fractal_farm.catalogue.compaction import compact
+from fractal_farm.catalogue.durable import check_place
 from fractal_farm.catalogue.parts import list_parts
 from fractal_farm.catalogue.settings import read_settings, record_settings
 from fractal_farm.config import RunConfig
@@ -31,7 +32,7 @@ from fractal_farm.farm.interrupts import interrupts
 from fractal_farm.farm.mirroring import check_mirror, mirroring
 from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.report import write_report
-from fractal_farm.farm.restore import known_shapes, last_epoch, mesh_queue, restore
+from fractal_farm.farm.restore import known_shapes, mesh_queue, restore
 from fractal_farm.farm.run import Run
 from fractal_farm.farm.sheet import write_sheet
 from fractal_farm.farm.stopping import chosen_run, stop_requested, withdraw_stop
@@ -250,7 +251,7 @@ def _stretch(
             executor,
             schedule,
             progress,
-            known_shapes(config, root),
+            known_shapes(config, root, schedule.complete),
             queue,
             announce,
             why_end,
@@ -297,12 +298,6 @@ def _check_target(out: Path, config: RunConfig, into: bool) -> None:
         if config.run_id in run_ids(out):
             raise InputError(f"{out}: run {config.run_id} is in this catalogue already; `farm resume {out}`")
         return
-    place = out.absolute()
-    while not place.exists():
-        place = place.parent
-    if not place.is_dir():
-        raise InputError(f"{out}: {place} is a file; choose another --out")
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise InputError(f"{out}: {place} is not writable; choose another --out")
+    check_place(out)
     if out.exists() and not is_unbegun(out):
         raise InputError(f"{out}: {what_is_there(out)}")

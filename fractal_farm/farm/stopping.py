@@ -10,10 +10,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fractal_farm.catalogue import Catalogue, is_unbegun, run_ids, run_is_live
+from fractal_farm.catalogue import Catalogue, is_unbegun, last_epoch, run_ids, run_is_live
 from fractal_farm.catalogue.layout import run_directory
 from fractal_farm.errors import FarmError, InputError
-from fractal_farm.farm.restore import last_epoch
 
 _WISH = "stop"
 _LOOK_SECONDS = 0.2

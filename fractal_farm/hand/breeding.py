@@ -190,7 +190,7 @@ def _gates(founders: Founders, evolution: EvolutionConfig) -> dict[str, Any]:
     """What candidates must reach: as the run had it, or less if a founder would not reach it."""
     least = min(founders.fitness)
     qualified = evolution.qualified if least > evolution.qualified else _just_below(least)
-    niches = evolution.niches.model_dump(mode="json") | _MUTATION
+    niches = evolution.niches.model_dump(mode="json") | _MUTATION | {"fullness": None}  # who is chosen is full enough
     niches["gap"] = min(0.999, max(evolution.niches.gap, *(_WIDER * gap for gap in founders.gap)))
     bounds = evolution.similarity_dimension
     if founders.expected_fitness and (asked := evolution.niches.expected_fitness) is not None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fractal_farm.distinctness import DESCRIPTOR_LENGTH, LENGTH, signatures
+from fractal_farm.distinctness import DESCRIPTOR_LENGTH, signatures
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,7 +29,6 @@ NAMED = (
 )
 """The first features: the smallest and middle principal deviation, over the largest, are thickness and breadth."""
 
-COUNT = len(NAMED) + LENGTH
 _SMALLEST_GAP = 1e-4
 
 

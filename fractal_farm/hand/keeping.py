@@ -12,11 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fractal_farm.catalogue import Catalogue, RunWriter, design_table, remove_orphans, run_lock
+from fractal_farm.catalogue import Catalogue, RunWriter, design_table, last_epoch, remove_orphans, run_lock
 from fractal_farm.catalogue.layout import HAND
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.errors import InputError
-from fractal_farm.farm.restore import last_epoch
 from fractal_farm.fitness import Evaluation, FitnessFormula, evaluate
 from fractal_farm.hand.breeding import chosen_rows, origin_of
 from fractal_farm.ifs.gap import gap

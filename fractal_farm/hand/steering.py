@@ -11,14 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fractal_farm.catalogue import run_ids, run_is_live, run_lock
+from fractal_farm.catalogue import last_epoch, run_ids, run_is_live, run_lock
 from fractal_farm.catalogue.fence import take_over
 from fractal_farm.catalogue.rows import genome_of
 from fractal_farm.catalogue.settings import read_settings
 from fractal_farm.catalogue.steering import SteeringRequest, bind_wishes, record_wish, steering_requests
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError
-from fractal_farm.farm.restore import last_epoch
 from fractal_farm.farm.steering import check_steerable
 from fractal_farm.farm.stopping import chosen_run
 from fractal_farm.hand.breeding import chosen_rows

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fractal_farm.bench.genomes import random_genomes
 from fractal_farm.catalogue import Catalogue, design_table
+from fractal_farm.catalogue.compaction import compact
 from fractal_farm.catalogue.layout import INDEX
 from fractal_farm.catalogue.signatures import open_signatures
 from fractal_farm.catalogue.similar import similar_to_design, similar_to_genome
@@ -21,7 +22,7 @@ from fractal_farm.fitness import evaluate
 from fractal_farm.ifs.genome import Genome, Phenotype
 from fractal_farm.ifs.maps import resolved_maps, selection_probabilities
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
-from tests.catalogue.examples import designs, writer
+from tests.catalogue.examples import RUN, commit_epochs, designs, writer
 
 COPIED = 10
 
@@ -62,6 +63,28 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Genome
     commit(root, good, 0)
     commit(root, copies, 1)
     return root, good, copies
+
+
+def test_the_index_has_the_rows_that_stand_for_the_catalogue(tmp_path: Path) -> None:
+    root = Catalogue.create(tmp_path / "catalogue").path
+    table, _ = designs(range(6))
+    of_another_run = table.set_column(table.column_names.index("operator"), "operator", pa.array(["seed"] * 6))
+    fitter = of_another_run.set_column(table.column_names.index("fitness"), "fitness", pa.array([2.0] * 6))
+    writer(root, clouds="none").commit(table, None, b"", (3, 3))
+    earlier = fitter.set_column(table.column_names.index("epoch"), "epoch", pa.array([0] * 6, pa.int32()))
+    writer(root, clouds="none", attempt=1).commit(earlier, None, b"", (0, 0))
+    rows = Catalogue.open(root).designs(["design_id", "fitness"]).sort_by("design_id")
+    index = open_signatures(root)
+    assert [index.design_id(k) for k in range(len(index))] == rows.column("design_id").to_pylist()
+    np.testing.assert_array_equal(index.fitness, rows.column("fitness").to_numpy().astype(np.float32))
+
+
+def test_an_index_finds_its_rows_after_the_parts_were_merged(root: Path) -> None:
+    commit_epochs(root, 0, 2)
+    index = open_signatures(root)
+    before = index.rows([0, 7, 3], ["design_id", "fitness"])
+    compact(root, RUN)
+    assert index.rows([0, 7, 3], ["design_id", "fitness"]) == before
 
 
 def test_the_first_hit_is_the_planted_copy(planted: tuple[Path, list[Genome], list[Genome]]) -> None:

@@ -277,3 +277,10 @@ def test_a_table_that_is_no_terminal_loses_no_column(capsys: pytest.CaptureFixtu
     assert header.split()[0] == "design_id"
     assert len(row.split()[0]) == 32
     assert {"operator", "cloud_array", "parents"} <= set(header.split())
+
+
+def test_a_column_that_is_asked_for_twice_is_shown_once(
+    capsys: pytest.CaptureFixture[str], run_directory: Path
+) -> None:
+    lines = output(capsys, "list", run_directory, "--columns", "fitness,d0,fitness", "--limit", "1").splitlines()
+    assert lines[0].split() == ["fitness", "d0"]

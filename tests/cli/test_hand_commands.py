@@ -78,6 +78,17 @@ def test_breeding_makes_a_catalogue_of_children(
     assert len(Catalogue.open(directory).runs()) == 2
 
 
+def test_a_brood_lies_beside_its_founders_wherever_one_stands(
+    capsys: pytest.CaptureFixture[str], directory: Path, ids: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inside = directory / "solids"
+    for place, name in ((directory, "."), (inside, ".."), (directory.parent, "run")):
+        monkeypatch.chdir(place)
+        (directory.parent / "run-bred").write_text("taken")
+        assert main(["breed", name, ids[0], "--executor", "serial"]) == 2
+        assert "run-bred" in capsys.readouterr().err
+
+
 def test_steering_an_ended_run_says_how_to_go_on(
     capsys: pytest.CaptureFixture[str], directory: Path, ids: list[str]
 ) -> None:

@@ -60,6 +60,7 @@ def test_no_arguments_mean_help(capsys: pytest.CaptureFixture[str]) -> None:
         (["submit", CONFIGS / "table1.yaml"], "unknown key genomes"),
         (["submit", CONFIGS / "quickstart.yaml", "--set", "evolution.library.size=0"], "library.size is 0"),
         (["score", "nowhere.yaml"], "nowhere.yaml: no such file"),
+        (["submit", CONFIGS / "quickstart.yaml", "--out", "new", "--address", "127.0.0.1:99999999"], "nothing answers"),
         (["status", "nowhere"], "nowhere: no such directory"),
         (["resume", "nowhere"], "nowhere: no such directory"),
         (["list", "nowhere"], "nowhere: no such directory"),

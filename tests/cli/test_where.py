@@ -72,6 +72,8 @@ def test_an_expression_selects_what_it_says(text: str, names: list[str]) -> None
         ("born > '2001' and born < '2030-01-01'", ["b"]),
         ("n_maps / 2 == 1.5", ["b"]),
         ("n_maps * 100 > 1000", ["c"]),
+        ("n_maps < 99999999999999999999999", ["a", "b", "c"]),
+        ("genes[999] is None", ["a", "b", "c"]),
     ],
 )
 def test_lists_texts_times_and_small_integers_can_be_asked_about(text: str, names: list[str]) -> None:
@@ -114,6 +116,8 @@ def test_expressions_mean_what_python_means(
         ("", "not an expression"),
         ("fitness > 1 or " * 100 + "gap > 1", "at most 1000"),
         ("(" * 900, "not an expression"),
+        ("fitness < 1" + "0" * 400, "not an expression"),
+        ("n_maps in ('a', 3)", "compare numbers with numbers"),
         ("\x00", "not an expression"),
     ],
 )
@@ -122,6 +126,12 @@ def test_anything_else_is_refused_in_one_line(text: str, reason: str) -> None:
         filter_expression(text, TABLE.schema)
     assert reason in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("place", [1000, 9_999_999_999, 10**30])
+def test_elements_beyond_any_list_are_refused(place: int) -> None:
+    with pytest.raises(InputError, match="not understood"):
+        filter_expression(f"genes[{place}] > 1", LISTS.schema)
 
 
 @given(st.text(max_size=40))

@@ -66,6 +66,14 @@ def test_what_enters_is_what_a_greedy_pass_over_all_finds():
     assert archive.library["hits"].tolist() == hits
 
 
+def test_what_is_like_a_shape_found_elsewhere_neither_enters_nor_is_a_hit():
+    archive = Archive(rows_at([[0] * 6]), NICHES)
+    archive.hear(signatures_of(rows_at([[9] * 6])))
+    entered, rivals = archive.sift(rows_at([[9.1] * 6, [0.1] * 6, [20] * 6, [20.1] * 6], first_slot=1))
+    assert (entered, rivals) == ([2], [(1, 0)])
+    assert archive.library["hits"].tolist() == [1, 1]
+
+
 def test_a_near_duplicate_with_a_smaller_gap_takes_the_place_of_a_member_that_does_not_print():
     wide, printable = 0.2, 0.01
     archive = Archive(np.concatenate([rows_at([[0] * 6], wide), rows_at([[5] * 6], printable, first_slot=1)]), NICHES)

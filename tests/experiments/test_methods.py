@@ -319,7 +319,11 @@ def test_a_directory_of_something_else_or_of_other_sources_is_refused(tmp_path, 
     (tmp_path / "letter").write_text("dear")
     with pytest.raises(InputError, match="holds something else"):
         compare(tmp_path, SMALL, 1, 200)
+    with pytest.raises(InputError, match="is a file; name another place"):
+        compare(tmp_path / "letter" / "experiment", SMALL, 1, 200)
     root = tmp_path / "experiment"
+    root.mkdir()
+    (root / ".experiment.json.of-a-killed-attempt.partial").touch()
     compare(root, SMALL[1:], 1, 100, workers=1)
     monkeypatch.setattr("fractal_farm.experiments.methods.comparison.sources", lambda: "0123456789abcdef")
     with pytest.raises(InputError, match="name a new --out"):

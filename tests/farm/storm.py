@@ -18,10 +18,9 @@ import psutil
 import pyarrow.parquet
 import yaml
 
-from fractal_farm.catalogue import Catalogue, run_ids
+from fractal_farm.catalogue import Catalogue, last_epoch, run_ids
 from fractal_farm.catalogue.layout import crc32c, part_name
 from fractal_farm.catalogue.parts import list_parts
-from fractal_farm.farm.restore import last_epoch
 
 # Kinds of processes, how many in a hundred kills they get at least, and the titles that they have.
 KINDS = {

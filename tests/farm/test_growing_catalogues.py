@@ -4,8 +4,10 @@ import pytest
 
 from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue
+from fractal_farm.catalogue.compaction import compact
 from fractal_farm.catalogue.parts import list_parts
 from fractal_farm.catalogue.verify import verify
+from fractal_farm.catalogue.verify.contents import Contents
 from fractal_farm.farm import publisher, run, sessions
 from fractal_farm.farm.events import PartCommitted, RunStarted
 from fractal_farm.farm.preflight import disk_need
@@ -33,6 +35,25 @@ def test_a_run_that_merges_its_parts_ends_in_the_same_catalogue_and_resumes(plai
     assert counted.ended.digest == plain[1].ended.digest
     assert counted.ended.progress == plain[1].ended.progress
     assert verify(path, "full").findings == ()
+
+
+def test_a_deep_look_goes_on_when_parts_are_merged_meanwhile(tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "PART_DESIGNS", 1)
+    path = tmp_path / "run"
+    run_id = farm.submit(small_config("stop.epochs=3"), path, executor="serial").run_id
+    rows_of, looked_at = Contents.rows, []
+
+    def rows_and_then_a_merge(contents, part, *wanted):
+        table = rows_of(contents, part, *wanted)
+        looked_at.append(part.name)
+        compact(path, run_id)
+        return table
+
+    monkeypatch.setattr(Contents, "rows", rows_and_then_a_merge)
+    report = verify(path, "deep")
+    assert report.findings == ()
+    assert report.designs == Catalogue.open(path).usage().rows
+    assert [name.is_merged for name in looked_at] == [False, True]
 
 
 def test_many_parts_are_merged_when_a_run_ends(plain, tmp_path, monkeypatch):

@@ -13,10 +13,9 @@ import psutil
 import pytest
 
 from fractal_farm import farm
-from fractal_farm.catalogue import run_ids
+from fractal_farm.catalogue import last_epoch, run_ids
 from fractal_farm.cli import main
 from fractal_farm.farm.on_ray import extras
-from fractal_farm.farm.restore import last_epoch
 from tests.farm.runs import small_config
 from tests.farm.test_metrics import free_port
 
@@ -157,6 +156,8 @@ def test_what_cannot_be_handed_over_is_refused_in_one_line(capsys, tmp_path, mon
     nobody = f"http://127.0.0.1:{free_port()}"
     assert "no Ray dashboard answers" in refusal(capsys, "submit", config, *place, "--address", nobody)
     assert "http://HOST:8265" in refusal(capsys, "submit", config, *place, "--address", "127.0.0.1:6379")
+    for strange in ("http://127.0.0.1:99999", "http://a b:8265", "https://"):
+        assert "http://HOST:8265" in refusal(capsys, "jobs", "list", "--address", strange)
     assert "absolute" in refusal(capsys, "submit", config, "--out", "run", "--detach", "--address", nobody)
     assert "--executor serial" in refusal(capsys, "submit", config, *place, "--executor", "serial")
     workers = ["--set", "execution.workers=2"]

@@ -14,9 +14,8 @@ import psutil
 import pytest
 
 from fractal_farm import farm
-from fractal_farm.catalogue import run_ids
+from fractal_farm.catalogue import last_epoch, run_ids
 from fractal_farm.farm.on_ray.pulse import Pulse
-from fractal_farm.farm.restore import last_epoch
 from tests.farm.runs import small_config
 
 pytestmark = pytest.mark.ray

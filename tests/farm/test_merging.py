@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 
 from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue, committed_records, committed_until, judge, judgements, run_lock
-from fractal_farm.catalogue.schema import ORDER_OF_BIRTH
+from fractal_farm.catalogue.layout import DESIGNS, crc32c
+from fractal_farm.catalogue.parts import encoded_part, list_parts, read_commits, read_rows
+from fractal_farm.catalogue.schema import DESIGN_SCHEMA, ORDER_OF_BIRTH
 from fractal_farm.catalogue.steering import bind_wishes, record_wish, steering_requests
 from fractal_farm.catalogue.verify import verify
 from fractal_farm.distinctness import DistinctSet, signatures
@@ -134,6 +137,8 @@ def test_what_does_not_fit_together_is_refused_and_leaves_nothing(sources, tmp_p
         merge(tmp_path / "out", [stricter, tmp_path / "nowhere"])
     with pytest.raises(InputError, match="lies in"):
         merge(stricter / "out", [stricter])
+    with pytest.raises(InputError, match="is a file; name another place"):
+        merge(stricter / "zarr.json" / "out", [stricter])
     assert os.listdir(tmp_path) == ["stricter"]  # noqa: PTH208
 
 
@@ -171,3 +176,31 @@ def test_a_run_that_was_steered_in_two_ways_is_refused(sources, tmp_path):
     assert len(steering_requests(tmp_path / "one", run_id)) == 1
     with pytest.raises(InputError, match=r"was steered in .* otherwise than in"):
         merge(tmp_path / "both", roots)
+    farm.resume(roots[0], overrides=[LONG], executor="serial")
+    with pytest.raises(InputError, match=r"was steered in .* otherwise than in"):  # it has gone on without
+        merge(tmp_path / "diverged", roots[:2])
+
+
+def test_requests_and_wishes_of_every_source_are_kept(sources, tmp_path):
+    run_id = small_config().run_id
+    behind, ahead = (Path(shutil.copytree(source, tmp_path / source.name)) for source in sources[:2])
+    genome = Catalogue.open(behind).genome(Catalogue.open(behind).select(["design_id"], limit=1)[0][0][0].as_py())
+    bound = record_wish(behind, run_id, [genome])
+    bind_wishes(behind, run_id, 6)
+    waiting = record_wish(behind, run_id, [genome])
+    merge(tmp_path / "out", [behind, ahead])
+    assert [request.wish for request in steering_requests(tmp_path / "out", run_id)] == [bound]
+    assert [request.wish for request in bind_wishes(tmp_path / "out", run_id, 6)] == [waiting]
+
+
+def test_a_part_that_refers_to_what_is_no_cloud_of_its_writer_takes_nothing_else_along(sources, tmp_path):
+    root = Path(shutil.copytree(sources[0], tmp_path / "box" / "root"))
+    (tmp_path / "box" / "bait").write_bytes(b"bait")
+    name = list_parts(root)[0]
+    (commit,) = read_commits(root, name)
+    stray = replace(commit, files={**commit.files, "../bait": (4, crc32c(b"bait"))})
+    forged, content = encoded_part(read_rows(root, name, DESIGN_SCHEMA.names), name.writer, stray)
+    (root / DESIGNS / name.file_name).unlink()
+    (root / DESIGNS / forged.file_name).write_bytes(content)
+    merge(tmp_path / "out", [root])
+    assert not list(tmp_path.glob("bait"))

@@ -19,8 +19,8 @@ from fractal_farm.catalogue.verify import verify
 from fractal_farm.cli import main
 from fractal_farm.errors import InputError
 from fractal_farm.farm import mirroring
-from fractal_farm.farm.event_log import read_log
 from fractal_farm.farm.events import EpochCompleted, MirrorChanged, PartCommitted, RunEnded
+from fractal_farm.farm.history import RunHistory
 from tests.farm.runs import Recorder, small_config
 
 HOUSE = Path(__file__).resolve().parents[2]
@@ -98,7 +98,7 @@ def test_an_outage_is_told_and_waited_out(object_store, many_commits, tmp_path, 
     assert [event.cause is None for event in outage.of(MirrorChanged)] in ([False], [False, True])
     assert end.ended.digest == whole
     assert end.mirror.cause is None
-    assert "MirrorChanged" in [entry["event"] for entry in read_log(tmp_path / "run", config.run_id)]
+    assert "MirrorChanged" in [entry["event"] for entry in RunHistory(tmp_path / "run", config.run_id, ()).log]
     bring(object_store, tmp_path / "back")
     assert sound(tmp_path / "back").digest == whole
 

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fractal_farm.evolution.designs import design_dtype
-from fractal_farm.evolution.epoch import EpochRecord, IslandState
+from fractal_farm.evolution.epoch import ELSEWHERE, EpochRecord, IslandState
+from fractal_farm.evolution.hearsay import FIND, Hearsay
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.schedule import LEAD, Schedule
 
@@ -24,15 +25,19 @@ def _record(island, epoch):
     return EpochRecord(island, epoch, NOTHING, design, index, index, design, ())
 
 
-def _simulate(links, lag, epochs, seed):
+def _simulate(links, lag, epochs, seed, hearsay=None, heard=None):
     """Start all that is ready, finish in random order; returns every inbox and the order of completed epochs."""
-    schedule = Schedule(links, lag, {k: IslandState(-1, np.zeros(0, DTYPE)) for k in range(len(links))})
+    schedule = Schedule(links, lag, {k: IslandState(-1, np.zeros(0, DTYPE)) for k in range(len(links))}, -1, hearsay)
     schedule.last_epoch = epochs - 1
     order = random.Random(seed)
     running, inboxes, completed = [], {}, []
     while schedule.complete < epochs - 1:
         for island, epoch in schedule.ready():
-            inboxes[island, epoch] = [(s, int(r["epoch"][0])) for s, r in schedule.start(island, epoch)]
+            inbox, state = schedule.start(island, epoch)
+            inboxes[island, epoch] = [(s, int(r["epoch"][0])) for s, r in inbox if s != ELSEWHERE]
+            if heard is not None:
+                news = next(found for source, found in inbox if source == ELSEWHERE)
+                heard[island, epoch] = [found[["epoch", "island"]].tolist() for found in (state.elsewhere, news)]
             running.append((island, epoch))
         assert running, "deadlock"
         assert max(epoch for _, epoch in running) <= schedule.complete + LEAD
@@ -61,6 +66,16 @@ def test_inboxes_depend_on_epoch_numbers_and_never_on_the_order_of_work(topology
     }
 
 
+@given(st.integers(1, 5), st.integers(1, 3), st.integers(0, 1000))
+def test_islands_hear_of_all_that_others_found_an_epoch_after_the_migrants(islands, lag, seed):
+    heard = {}
+    _simulate(sources("ring", islands, 2, 3), lag, 40, seed, Hearsay(np.zeros(0, FIND)), heard)
+    for (island, epoch), (before, news) in heard.items():
+        found = [(then, other) for then in range(epoch) for other in range(islands) if other != island]
+        assert before == [(then, other) for then, other in found if then < epoch - lag - 1]
+        assert news == [(then, other) for then, other in found if then == epoch - lag - 1]
+
+
 def test_neighbours_wait_for_each_other_but_there_is_no_barrier():
     links = sources("ring", 6, 2, 0)
     schedule = Schedule(links, 1, {k: IslandState(-1, np.zeros(0, DTYPE)) for k in range(6)})
@@ -81,4 +96,4 @@ def test_a_restored_schedule_needs_the_emigrants_under_way(lag):
         for epoch in range(7 - lag, 7):
             schedule.remember(island, epoch, _record(island, epoch).born)
     assert schedule.ready() == [(k, 7) for k in range(4)]
-    assert [(s, int(r["epoch"][0])) for s, r in schedule.start(2, 7)] == [(1, 7 - lag), (3, 7 - lag)]
+    assert [(s, int(r["epoch"][0])) for s, r in schedule.start(2, 7)[0]] == [(1, 7 - lag), (3, 7 - lag)]

@@ -9,6 +9,8 @@ from scipy.spatial import cKDTree
 
 from fractal_farm import farm
 from fractal_farm.catalogue import Catalogue
+from fractal_farm.catalogue.layout import DESIGNS
+from fractal_farm.catalogue.parts import epochs_of, list_parts, read_commits
 from fractal_farm.catalogue.settings import record_settings
 from fractal_farm.catalogue.verify import verify
 from fractal_farm.errors import InputError
@@ -37,6 +39,18 @@ def test_a_run_ends_at_its_limit_with_designs_of_every_island(finished):
     assert designs.num_rows > 30
     assert min(designs.column("fitness").to_pylist()) >= 0.75
     assert (path / "catalogue.png").stat().st_size > 1000
+
+
+def test_a_run_that_lost_a_part_in_its_middle_finds_the_same_shapes_again(tmp_path):
+    path, config = tmp_path / "run", small_config("stop.epochs=2", "catalogue.keep=distinct")
+    farm.submit(config, path, executor="serial")
+    for epochs in (4, 6):
+        whole = farm.resume(path, overrides=[f"stop.epochs={epochs}"], executor="serial").ended
+    lost = next(name for name in list_parts(path) if epochs_of(read_commits(path, name))[1] == 3)
+    (path / DESIGNS / lost.file_name).unlink()
+    again = farm.resume(path, executor="serial").ended
+    assert again.digest == whole.digest
+    assert again.progress == whole.progress
 
 
 def test_stored_scores_are_those_of_the_genomes(finished):

@@ -15,7 +15,7 @@ NAMES = ["none", "rotation:4", "mirror", "dihedral:3", "helix:6"]
 @pytest.mark.parametrize(("genes", "dimension"), [(lattice(0.25, 3.0, axes=2), 1.0), (lattice(0.25, 3.0), 1.5)])
 def test_copies_of_an_attractor_have_its_dimensions_and_its_exponent(genes, dimension, name):
     scores = evaluate([Genome(genes, symmetry=name), genes], 20_000, repeats=4)
-    # At the coarse scales of a cloud copies fill the space between each other: the estimates rise, by no more than this.
+    # At the coarse scales of a cloud copies fill the space between each other: the estimates rise.
     assert dimension - 0.05 <= scores.d0[0] <= dimension + 0.25
     assert dimension - 0.05 <= scores.d2[0] <= dimension + 0.2
     assert scores.lle[0] == scores.lle[1]

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from fractal_farm import farm
-from fractal_farm.catalogue import Catalogue
+from fractal_farm.catalogue import Catalogue, durable, steering
+from fractal_farm.catalogue.layout import DESIGNS
+from fractal_farm.catalogue.parts import epochs_of, list_parts, read_commits
 from fractal_farm.catalogue.steering import bind_wishes, record_wish, steering_requests
 from fractal_farm.catalogue.verify import verify
-from fractal_farm.errors import FarmError, InputError
+from fractal_farm.errors import FarmError, InputError, StorageFullError
 from fractal_farm.farm.events import EpochCompleted, Steered
+from fractal_farm.farm.restore import restore
 from fractal_farm.hand.keeping import keep
 from fractal_farm.hand.steering import steer
 from fractal_farm.ifs.genome import Genome
@@ -90,6 +93,18 @@ def test_a_steered_run_that_is_interrupted_equals_one_that_is_not(begun, steered
     assert farm.resume(path, overrides=["stop.epochs=8"], executor="serial").ended.digest == steered_run[1]
 
 
+def test_a_request_begins_beyond_the_parts_that_follow_a_lost_one(tmp_path):
+    path, config = tmp_path / "run", small_config("stop.epochs=2")
+    farm.submit(config, path, executor="serial")
+    for epochs in (4, 6):
+        farm.resume(path, overrides=[f"stop.epochs={epochs}"], executor="serial")
+    lost = next(name for name in list_parts(path) if epochs_of(read_commits(path, name))[1] == 3)
+    (path / DESIGNS / lost.file_name).unlink()
+    schedule, *_ = restore(config, path)
+    assert schedule.complete < 3
+    assert schedule.unbegun() == 6
+
+
 def test_a_steered_run_that_is_killed_equals_one_that_is_not(begun, steered_run, tmp_path):
     path = tmp_path / "run"
     shutil.copytree(begun[0], path)
@@ -157,6 +172,30 @@ def test_a_live_run_takes_a_wish_up_and_is_replayed_from_the_request(tmp_path):
     assert farm.status(run.path)["steering"] == [
         {"first": request.first, "last": request.last, "design_ids": list(request.design_ids)}
     ]
+
+
+def test_a_wish_that_finds_no_room_waits_and_those_before_it_begin_in_time(tmp_path, monkeypatch):
+    refused = []
+
+    def put(path, content):
+        if path.name.startswith("steering~0001") and len(refused) < 3:
+            refused.append(path)
+            raise StorageFullError("no space left")
+        durable.put(path, content)
+
+    class WishingTwice(Wishing):
+        def on_event(self, event):
+            super().on_event(event)
+            if isinstance(event, EpochCompleted) and event.epoch == self.epoch:
+                record_wish(self.path, small_config().run_id, [self.chosen])
+
+    monkeypatch.setattr(steering, "put", put)
+    wishing = WishingTwice(tmp_path / "run", 1)
+    summary = farm.submit(small_config(), tmp_path / "run", executor="serial", callbacks=[wishing])
+    requests = steering_requests(tmp_path / "run", summary.run_id)
+    assert len(refused) == 3
+    assert [request.first for request in requests] == [event.first for event in wishing.of(Steered)]
+    assert requests[0].first < requests[1].first
 
 
 @pytest.mark.slow

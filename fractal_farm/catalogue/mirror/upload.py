@@ -18,7 +18,6 @@ from fractal_farm.errors import FarmError
 
 _AT_ONCE = 4
 _CHANGING_SECONDS = 300.0
-_CHANGING = (Stage.PICTURE, Stage.LOG)
 _SHEET = "catalogue.png"
 
 

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 
 from fractal_farm.catalogue.documents import opened_document
 from fractal_farm.catalogue.layout import DESIGNS, MENDINGS, RUNS, PartName, crc32c
-from fractal_farm.catalogue.parts import Commit, list_parts, open_part, read_commits, read_rows, replaced_parts
+from fractal_farm.catalogue.parts import Commit, holds, list_parts, open_part, read_commits, read_rows, replaced_parts
 from fractal_farm.catalogue.runs import run_is_live
 from fractal_farm.catalogue.shards import SHARD
 from fractal_farm.catalogue.verify.findings import Finding
@@ -197,17 +197,17 @@ def _take_part(contents: Contents, name: PartName) -> None:
                 problem = f"holds {rows} rows; its name says {name.rows}"
                 contents.findings.append(Finding(key, "row", problem, "restore it from a copy"))
             return
-    if not (contents.root / key).exists() and (wider := _successor(contents.root, name)):
-        if wider not in [part.name for part in contents.parts]:
-            _take_part(contents, wider)
+    if not (contents.root / key).exists() and take_successor(contents, name):
         return
     contents.findings.append(Finding(key, "part", problem, again))
 
 
-def _successor(root: Path, name: PartName) -> PartName | None:
-    """The part that holds the commits of one that is gone."""
-    mine = (other for other in list_parts(root) if other.writer == name.writer)
-    return next((other for other in mine if other.seq <= name.seq and name.last <= other.last), None)
+def take_successor(contents: Contents, name: PartName) -> bool:
+    """Take in the part that holds the commits of one that is gone, once; whether there is such a part."""
+    wider = next((other for other in list_parts(contents.root) if holds(other, name)), None)
+    if wider is not None and wider not in [part.name for part in contents.parts]:
+        _take_part(contents, wider)
+    return wider is not None
 
 
 def _take_references(contents: Contents, part: Part) -> None:

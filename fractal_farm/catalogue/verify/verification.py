@@ -34,19 +34,20 @@ def verify(root: Path, level: Level = "full", held: frozenset[str] = frozenset()
     """
     check_is_catalogue(root)
     contents = listed_contents(root, held)
-    findings = [*contents.findings, *structure_findings(contents)]
+    rows = sum(part.name.rows for part in contents.parts)
+    findings = [*structure_findings(contents)]
     digest = None
     if level != "quick":
         findings += byte_findings(contents)
-        if not any(finding.kind in ("part", "row") for finding in findings):
+        if not any(finding.kind in ("part", "row") for finding in [*contents.findings, *findings]):
             digest = Catalogue(root).digest()
             findings += _digests(contents, digest)
     if level == "deep":
         from fractal_farm.catalogue.verify.content import content_findings
 
         findings += content_findings(contents)
+    findings += contents.findings  # also of what was listed meanwhile
     ordered = tuple(sorted(findings, key=lambda finding: (finding.path, finding.kind, finding.problem)))
-    rows = sum(part.name.rows for part in contents.parts)
     return Report(str(root), level, False, ordered, (), len(contents.sizes), contents.bytes_checked, rows, digest)
 
 

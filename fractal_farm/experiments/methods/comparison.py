@@ -27,7 +27,7 @@ from typing import Any
 from fractal_farm import __version__
 from fractal_farm.bench.stopwatch import this_machine
 from fractal_farm.catalogue.documents import encoded_document, read_document
-from fractal_farm.catalogue.durable import put
+from fractal_farm.catalogue.durable import check_place, put
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.experiments.methods import verdict
@@ -148,7 +148,8 @@ def _claim(root: Path) -> None:
                 "name a new --out"
             )
         return
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+    check_place(root)
+    if root.exists() and any(not entry.name.startswith(".") for entry in root.iterdir()):  # of a killed attempt
         raise InputError(f"{root}: holds something else; name a new --out")
     put(path, encoded_document(about))
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs
 from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, Wanted, founding_state
+from fractal_farm.evolution.hearsay import FIND, Hearsay, are_shared
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.schedule import Schedule
@@ -79,7 +80,9 @@ class Course:
         links = sources(migration.topology, config.islands, migration.degree, config.seed)
         empty = founding_state(config)
         libraries = dict.fromkeys(range(config.islands), empty) if state is None else _unpacked(state)
-        self._schedule = Schedule(links, migration.lag, libraries)
+        found = np.zeros(0, FIND) if state is None else state["found"]
+        hearsay = Hearsay(found) if are_shared(config) else None
+        self._schedule = Schedule(links, migration.lag, libraries, hearsay=hearsay)
         self._leaving: dict[tuple[int, int], Designs] = {} if state is None else _unpacked_leaving(state)
         for (island, epoch), rows in self._leaving.items():
             self._schedule.remember(island, epoch, rows)
@@ -93,8 +96,8 @@ class Course:
         scored: list[tuple[int, int, Any]] = []
         for island, epoch in self._schedule.ready():
             clerk = _Clerk(self._config)
-            inbox = self._schedule.start(island, epoch)
-            record = drive(advance(self._schedule.state[island], inbox, self._config, island, epoch), clerk)
+            inbox, start = self._schedule.start(island, epoch)
+            record = drive(advance(start, inbox, self._config, island, epoch), clerk)
             self._schedule.finish(record)
             self._leaving[island, epoch] = self._schedule.state[island].library[record.emigrants]
             asked += clerk.asked
@@ -116,7 +119,9 @@ class Course:
         """What it takes to go on from here, as arrays."""
         islands = self._schedule.state
         keys = sorted(self._leaving)
+        hearsay = self._schedule.hearsay
         return {
+            "found": np.zeros(0, FIND) if hearsay is None else hearsay.until(self._schedule.complete),
             "epoch": np.array(self._schedule.complete),
             "sizes": np.array([len(islands[island].library) for island in sorted(islands)]),
             "libraries": np.concatenate([islands[island].library for island in sorted(islands)]),

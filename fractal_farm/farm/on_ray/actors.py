@@ -16,9 +16,10 @@ import ray
 from ray.exceptions import NodeDiedError, ObjectLostError, OutOfMemoryError, RayActorError, WorkerCrashedError
 
 from fractal_farm.config import EvolutionConfig
-from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, library_after
+from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, state_after
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.executor import Inbox
+from fractal_farm.farm.on_ray.orphans import Nodes
 from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
 from fractal_farm.farm.work import Evaluate, MeshOrder, Part, PartReceipt, SetAside, make_solid, split, warm_up
 
@@ -50,6 +51,7 @@ class Island:
         self._island = island
         self._batch_size = batch_size
         self._state: IslandState | None = None
+        self._nodes = Nodes()
 
     def advance(self, epoch: int, inbox: Inbox, state: IslandState | None) -> tuple[EpochRecord, tuple[SetAside, ...]]:
         """The record of an epoch, from the state before it, or from memory if that is None."""
@@ -65,12 +67,13 @@ class Island:
             return scores
 
         record = drive(advance(before, inbox, self._config, self._island, epoch), scores_of)
-        self._state = IslandState(epoch, library_after(before.library, record))
+        self._state = state_after(before, record, inbox)
         return record, tuple(set_aside)
 
     def _evaluate_all(self, batches: Sequence[Candidates]) -> list[Scores | None]:
         calls = [EVALUATE.remote(self._evaluate, batch, self._config) for batch in batches]
         results: list[Scores | None] = []
+        self._await(calls)
         for call in calls:
             try:
                 results.append(ray.get(call))
@@ -79,8 +82,15 @@ class Island:
         return results
 
     def _try_alone(self, single: Candidates) -> Scores | Death:
-        outcome: Scores | Death = ray.get(TRIAL.remote(self._evaluate, single, self._config))
+        call = TRIAL.remote(self._evaluate, single, self._config)
+        self._await([call])
+        outcome: Scores | Death = ray.get(call)
         return outcome
+
+    def _await(self, calls: list[Any]) -> None:
+        """Until all are there; an orphan ends, and the run goes on with a new actor."""
+        if not self._nodes.outlived(calls):
+            ray.actor.exit_actor()
 
 
 class Writer:
@@ -89,9 +99,6 @@ class Writer:
     def __init__(self, new_publisher: Callable[[], Any]) -> None:
         self._publisher = new_publisher()
         self._publisher.warm()
-
-    def ping(self) -> None:
-        """Answer."""
 
     def publish(self, part: Part) -> PartReceipt:
         """Commit one part."""

@@ -10,6 +10,7 @@ import contextlib
 import json
 import logging
 import os
+import re
 import secrets
 import shlex
 import tempfile
@@ -18,6 +19,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import urlsplit
 
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import FarmError, InputError
@@ -26,6 +28,7 @@ from fractal_farm.farm.on_ray.extras import check_extra
 # How long a job that is asked to stop may take to commit what is complete, before Ray kills it.
 STOP_SECONDS = 120
 _CONFIG = "run.json"
+_HOST = re.compile(r"[\w.:-]+")
 _ENDED = ("SUCCEEDED", "FAILED", "STOPPED")
 _MISSING = (
     "command -v farm >/dev/null || { echo 'farm: not on the PATH of the Ray head; install fractal-farm where Ray runs "
@@ -157,7 +160,7 @@ def _start(words: list[str], name: str, out: str, address: str | None, environme
 def _client(address: str | None, identity: str | None = None) -> Iterator[Any]:
     """Ray's client for jobs, its errors in one line."""
     check_extra("Ray jobs")
-    if address is not None and address != "auto" and not address.startswith(("http://", "https://")):
+    if address is not None and address != "auto" and not _is_dashboard(address):
         raise InputError(f"--address {address}: for jobs give the cluster's dashboard, http://HOST:8265")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     from ray.exceptions import AuthenticationError
@@ -178,6 +181,14 @@ def _client(address: str | None, identity: str | None = None) -> Iterator[Any]:
         if identity is not None and ("404" in reason or "does not exist" in reason):
             raise InputError(f"{place}: no job {identity}; `farm jobs list` shows them") from None
         raise FarmError(f"{place}: the cluster refused: {reason[:300]}") from None
+
+
+def _is_dashboard(address: str) -> bool:
+    try:
+        place = urlsplit(address)
+        return place.scheme in ("http", "https") and bool(_HOST.fullmatch(place.hostname or "")) and place.port != 0
+    except ValueError:  # its port is none
+        return False
 
 
 def _absolute(out: str) -> str:

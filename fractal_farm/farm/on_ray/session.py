@@ -202,9 +202,10 @@ def _check_reachable(address: str) -> None:
         raise InputError(f"--address {address}: give host:port of a running cluster, or auto")
     try:
         socket.create_connection((host, int(port)), timeout=5.0).close()
-    except OSError as error:
+    except (OSError, OverflowError, ValueError) as error:  # also of ports and names that cannot be
+        reason = getattr(error, "strerror", None) or error
         raise InputError(
-            f"--address {address}: nothing answers there ({error.strerror or error}); start a cluster with "
+            f"--address {address}: nothing answers there ({reason}); start a cluster with "
             "`ray start --head`, or leave --address out"
         ) from None
 
