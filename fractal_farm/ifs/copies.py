@@ -10,10 +10,9 @@ import numpy.typing as npt
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.linear_algebra import determinant
 from fractal_farm.ifs.symmetry import SYMMETRIES
-from fractal_farm.ifs.system import System, fixed_point, scramble
+from fractal_farm.ifs.system import INCREMENT, System, fixed_point, scramble
 
 _NUMBERS = np.array([(s.copies, s.turn, s.mirrored, s.carried) for s in SYMMETRIES], np.float64)
-_INCREMENT = np.uint32(0x9E3779B9)  # as in the random iteration
 _OTHER_STREAM = np.uint32(0x5851F42D)  # sets the draws of copies apart from those of maps
 _WORD_BITS = np.uint64(32)
 _TURNS = 1e-6  # of a map's contraction: with less of a turn it has no axis of its own
@@ -86,7 +85,7 @@ def spread_over_copies(system, first, second, points):  # type: ignore[no-untype
     count = np.uint64(system.n_copies[0])
     counter = np.uint32(first ^ _OTHER_STREAM)
     for t in range(points.shape[1]):
-        counter = np.uint32(counter + _INCREMENT)
+        counter = np.uint32(counter + INCREMENT)
         draw = scramble(scramble(counter) ^ np.uint32(second))
         m = system.copies[(np.uint64(draw) * count) >> _WORD_BITS]
         x = points[0, t]

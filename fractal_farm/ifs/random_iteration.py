@@ -18,6 +18,7 @@ from fractal_farm.ifs.symmetry import symmetry_code
 from fractal_farm.ifs.system import (
     FIRST_FACTOR,
     FIRST_SHIFT,
+    INCREMENT,
     NEXT_FACTOR,
     NEXT_SHIFT,
     System,
@@ -29,7 +30,6 @@ from fractal_farm.ifs.system import (
 
 PURPOSES = {"fitness": 0, "display": 1, "repeat": 2}
 GENERATOR_VERSION = "ria-1"
-_INCREMENT = np.uint32(0x9E3779B9)  # 2^32 over the golden ratio: the counter visits all words
 _LARGEST = np.uint32(0xFFFFFFFF)
 
 
@@ -118,7 +118,7 @@ def iterate(maps, thresholds, n_maps, start, first, second, points):  # type: ig
     high = thresholds[1] if n_maps > 2 else _LARGEST
     counter = np.uint32(first)
     for t in range(points.shape[1]):
-        counter = np.uint32(counter + _INCREMENT)
+        counter = np.uint32(counter + INCREMENT)
         draw = counter ^ (counter >> FIRST_SHIFT)
         draw = np.uint32(draw * FIRST_FACTOR) ^ np.uint32(second)
         draw ^= draw >> NEXT_SHIFT

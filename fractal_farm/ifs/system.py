@@ -23,6 +23,7 @@ FIRST_SHIFT = np.uint32(16)
 NEXT_SHIFT = np.uint32(15)
 FIRST_FACTOR = np.uint32(0x21F0AAAD)
 NEXT_FACTOR = np.uint32(0x735A2D97)
+INCREMENT = np.uint32(0x9E3779B9)  # 2^32 over the golden ratio: a counter visits all words
 _FIRST_SEED = np.uint32(0x8F1BBCDC)
 _SECOND_SEED = np.uint32(0xCA62C1D6)
 _WORDS = 2.0**32  # number of 32-bit words
