@@ -17,8 +17,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, Strict, ValidationError, model_validator
 
 from fractal_farm.errors import InputError
-from fractal_farm.genome_file import PhenotypeSection, genome_from, load_genomes, seed_rows
+from fractal_farm.genome_file import PhenotypeSection, genome_from, load_genomes, seed_genomes
 from fractal_farm.ifs.genome import MAX_MAPS
+from fractal_farm.ifs.symmetry import ALLOWED, NO_SYMMETRY, symmetry_code
 from fractal_farm.untrusted import Section, explain, override_value, read_yaml, shown
 
 __all__ = ["RunConfig", "load_genomes"]
@@ -62,8 +63,16 @@ class LibraryConfig(Section):
         json_schema_extra={"keys": f"numbers of maps from 2 to {MAX_MAPS}"},
     )
 
+    seed_symmetries: Annotated[tuple[str, ...], Strict(False)] = Field(
+        (), description="the symmetry of each seed, in order; empty: none has any"
+    )
+
     @model_validator(mode="after")
     def _shares_sum_to_one(self) -> LibraryConfig:
+        for name in self.seed_symmetries:
+            symmetry_code(name, "seed_symmetries")
+        if self.seed_symmetries and len(self.seed_symmetries) != len(self.seeds):
+            raise ValueError(f"{len(self.seed_symmetries)} seed_symmetries for {len(self.seeds)} seeds; give one each")
         if abs(sum(self.map_counts.values()) - 1.0) > 1e-9:
             raise ValueError(f"map_counts is {shown(self.map_counts)}; allowed: shares whose sum is 1")
         if len(self.seeds) > self.size:
@@ -173,6 +182,12 @@ class EvolutionConfig(Section):
     )
     migration: MigrationConfig = MigrationConfig()
     niches: NichesConfig = NichesConfig()
+    symmetries: dict[str, Probability] = Field(
+        {NO_SYMMETRY: 1.0},
+        description="share of random genomes for each symmetry; the sum is 1. Offspring inherit theirs, and one in ten "
+        f"draws anew. Symmetries: {ALLOWED}",
+        json_schema_extra={"keys": "names of symmetries"},
+    )
     phenotype: PhenotypeConfig = PhenotypeConfig()
     fitness: FitnessConfig = FitnessConfig()
 
@@ -193,6 +208,10 @@ class EvolutionConfig(Section):
         if (self.offspring is None) == (self.accepted is None):
             both = "are both null" if self.offspring is None else f"are {self.offspring} and {self.accepted}"
             raise ValueError(f"offspring and accepted {both}; give one of them and leave the other null")
+        for name in self.symmetries:
+            symmetry_code(name, "evolution.symmetries")
+        if abs(sum(self.symmetries.values()) - 1.0) > 1e-9:
+            raise ValueError(f"symmetries is {shown(self.symmetries)}; allowed: shares whose sum is 1")
         if self.elimination > self.qualified:
             raise ValueError(f"elimination {self.elimination} is above qualified {self.qualified}; lower it")
         bounds = self.similarity_dimension
@@ -332,7 +351,13 @@ class RunConfig(Section):
     @property
     def run_id(self) -> str:
         """16 hex digits: blake2b of the evolution section in canonical JSON (sorted keys, floats by repr)."""
-        identity = {"version": IDENTITY_VERSION, "evolution": self.evolution.model_dump(mode="json")}
+        evolution = self.evolution.model_dump(mode="json")
+        # What a run without symmetries is has not changed since there are any.
+        if evolution["symmetries"] == {NO_SYMMETRY: 1.0}:
+            del evolution["symmetries"]
+        if not evolution["library"]["seed_symmetries"]:
+            del evolution["library"]["seed_symmetries"]
+        identity = {"version": IDENTITY_VERSION, "evolution": evolution}
         text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.blake2b(text.encode(), digest_size=8, person=b"farm-run").hexdigest()
 
@@ -366,6 +391,9 @@ def _load_seeds(tree: Mapping[Any, Any], directory: Path) -> None:
             phenotype = PhenotypeConfig.model_validate(evolution.get("phenotype", {})).phenotype()
         except ValidationError:
             return
-        library["seeds"] = seed_rows(directory / library["seeds"], phenotype)
+        seeds = seed_genomes(directory / library["seeds"], phenotype)
+        library["seeds"] = [seed.genes.tolist() for seed in seeds]
+        if any(seed.symmetry != NO_SYMMETRY for seed in seeds):
+            library["seed_symmetries"] = [seed.symmetry for seed in seeds]
     elif "seeds" in library and library["seeds"] is None:
         library["seeds"] = []

@@ -1,7 +1,7 @@
 """Genomes written by hand: YAML files of named genomes, such as `configs/table1.yaml`.
 
 A file holds `genomes:`, a mapping of names to rows of seven numbers, or to
-`{genes: rows, probabilities: [...]}`, and optionally `phenotype:` with the fields of `Phenotype`.
+`{genes: rows, probabilities: [...], symmetry: rotation:6}`, and optionally `phenotype:` with the fields of `Phenotype`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ from pydantic_core import PydanticCustomError
 
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.genome import Genome, Phenotype, as_genome
+from fractal_farm.ifs.symmetry import NO_SYMMETRY
 from fractal_farm.untrusted import Section, explain, read_yaml, shown
+
+_GENOME_KEYS = ("genes", "probabilities", "symmetry")
 
 
 def _whole(value: Any) -> Any:
@@ -81,8 +84,8 @@ def load_genomes(path: Path | str, phenotype: Phenotype | None = None) -> list[t
     ]
 
 
-def seed_rows(path: Path, phenotype: Phenotype) -> list[list[list[float]]]:
-    """The rows of a file's genomes, to found libraries of a run with this phenotype.
+def seed_genomes(path: Path, phenotype: Phenotype) -> list[Genome]:
+    """The genomes of a file, to found libraries of a run with this phenotype.
 
     Raises:
         InputError: as `load_genomes`; also for another phenotype, or probabilities set by hand.
@@ -93,7 +96,7 @@ def seed_rows(path: Path, phenotype: Phenotype) -> list[list[list[float]]]:
             raise InputError(f"{path}: its phenotype differs from that of the run; make them equal")
         if genome.probabilities is not None:
             raise InputError(f"{path}: genome {name} has probabilities set by hand; a seed has none, remove them")
-    return [genome.genes.tolist() for _name, genome in seeds]
+    return [genome for _name, genome in seeds]
 
 
 def genome_from(value: Any, phenotype: Phenotype, name: str) -> Genome:
@@ -102,15 +105,16 @@ def genome_from(value: Any, phenotype: Phenotype, name: str) -> Genome:
     Raises:
         InputError: its message begins with `name`.
     """
-    genes, probabilities = value, None
+    genes, probabilities, symmetry = value, None, NO_SYMMETRY
     if isinstance(value, Mapping):
-        if unknown := [key for key in value if key not in ("genes", "probabilities")]:
-            raise InputError(f"{name}: unknown key {unknown[0]}; allowed here: genes, probabilities")
+        if unknown := [key for key in value if key not in _GENOME_KEYS]:
+            raise InputError(f"{name}: unknown key {unknown[0]}; allowed here: {', '.join(_GENOME_KEYS)}")
         genes, probabilities = value.get("genes"), value.get("probabilities")
+        symmetry = value.get("symmetry", NO_SYMMETRY)
     rows = _rows(genes, name)
     if probabilities is not None:
         probabilities = tuple(_numbers(probabilities, f"{name}: probabilities"))
-    return as_genome(Genome(rows, phenotype, probabilities), name)
+    return as_genome(Genome(rows, phenotype, probabilities, symmetry), name)
 
 
 def _rows(genes: Any, name: str) -> Any:

@@ -23,6 +23,7 @@ class Purpose(enum.IntEnum):
     REPLACEMENT = 6
     TOPOLOGY = 7
     SCALES = 8
+    SYMMETRY = 9
 
 
 def stream(

@@ -243,7 +243,7 @@ OTHER_VALUES: dict[str, Any] = {
     "phenotype.map_form": "rho R x + d", "phenotype.rotation_sign": -1, "fitness.amplitude": 1.0,
     "niches.capacity": 9, "niches.gap": 0.1, "niches.crossover": 0.1, "niches.probabilities": [0.1],
     "niches.sigmas": [0.5], "niches.gap_attempts": 1, "niches.expected_fitness": None,
-    "niches.foreseen_distance": None, "niches.fullness": None,
+    "niches.foreseen_distance": None, "niches.fullness": None, "symmetries": {"none": 0.5, "rotation:6": 0.5},
     "fitness.baseline": 0.0, "fitness.d0": [0.3, 0.8], "fitness.d2": [0.4, 0.7], "fitness.lle": [0.0, 1.0],
 }  # fmt: skip
 
@@ -253,13 +253,15 @@ def test_run_id_depends_on_every_field_of_evolution() -> None:
     for key, value in OTHER_VALUES.items():
         ids.add(RunConfig.from_dict({}, overrides=[f"evolution.{key}={json.dumps(value)}"]).run_id)
     ids.add(RunConfig.from_dict({"evolution": {"accepted": 5}}).run_id)
-    assert len(ids) == len(OTHER_VALUES) + 2
+    seeds = {"seeds": [VALID_ROWS], "seed_symmetries": ["mirror"]}
+    ids.add(RunConfig.from_dict({"evolution": {"library": seeds}}).run_id)
+    assert len(ids) == len(OTHER_VALUES) + 3
     leaves = {
         f"{name}.{inner}" if hasattr(field.annotation, "model_fields") else name
         for name, field in EvolutionConfig.model_fields.items()
         for inner in (getattr(field.annotation, "model_fields", None) or [""])
     }
-    assert leaves == {*OTHER_VALUES, "accepted", "crossover.kind"}
+    assert leaves == {*OTHER_VALUES, "accepted", "crossover.kind", "library.seed_symmetries"}
 
 
 @pytest.mark.parametrize(

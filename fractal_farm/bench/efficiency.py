@@ -103,7 +103,7 @@ def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any)
         scores = evaluate_candidates(candidates, config)
         if candidates.wanted in ("printable", "scores"):
             known = np.isfinite(scores.values[:, SCORE_FIELDS.index("fitness")])
-            scored.append(Candidates(candidates.genes[known], candidates.n_maps[known]))
+            scored.append(candidates.part(known)._replace(wanted="scores"))
         return scores
 
     states = {island: founding_state(config) for island in islands}

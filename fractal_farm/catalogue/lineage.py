@@ -32,6 +32,7 @@ COLUMNS = (
     "fitness",
     "gap",
     "parents",
+    "symmetry",
 )
 
 IntArray = npt.NDArray[np.int64]

@@ -15,6 +15,7 @@ import pyarrow as pa
 from fractal_farm.catalogue.schema import GIVEN_SCHEMA, KINDS
 from fractal_farm.errors import FarmError
 from fractal_farm.ifs.genome import ROW_LENGTH, Genome, Phenotype
+from fractal_farm.ifs.symmetry import NO_SYMMETRY
 
 
 def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] | npt.NDArray[Any]]) -> Any:
@@ -47,6 +48,7 @@ def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] 
         "probabilities": probabilities,
         "probabilities_by_hand": [genome.probabilities is not None for genome in genomes],
         "generator_version": [GENERATOR_VERSION] * len(genomes),
+        "symmetry": [genome.symmetry for genome in genomes],
         **columns,
     }
     for name, values in known.items():
@@ -71,6 +73,7 @@ GENOME_COLUMNS = (
     "genes",
     "probabilities",
     "probabilities_by_hand",
+    "symmetry",
 )
 """What `genome_of` needs of a row."""
 
@@ -89,7 +92,7 @@ def genome_of(row: Mapping[str, Any]) -> Genome:
     )
     genes = np.array(row["genes"]).reshape(row["n_maps"], ROW_LENGTH[row["family"]])
     by_hand = tuple(row["probabilities"]) if row["probabilities_by_hand"] else None
-    genome = Genome(genes, phenotype, by_hand)
+    genome = Genome(genes, phenotype, by_hand, row["symmetry"] or NO_SYMMETRY)
     if genome.design_id != row["design_id"]:
         raise FarmError(
             f"design {row['design_id']}: damaged, its genes are those of {genome.design_id}; "

@@ -83,6 +83,7 @@ DESIGN = (
     Column("grams", _NUMBER, "g", f"estimate: mass of its solid in cast silver, {_AS_A_SOLID}"),
     Column("width_mm", _NUMBER, "mm", f"the second longest side of that solid's box, {_AS_A_SOLID}"),
     Column("depth_mm", _NUMBER, "mm", f"the shortest side of that solid's box, {_AS_A_SOLID}"),
+    Column("symmetry", _TEXT, "", "isometries whose images of the attractor make the shape; null means none"),
 )
 """What a run knows of a design."""
 

@@ -21,6 +21,7 @@ from fractal_farm.catalogue.durable import put
 from fractal_farm.catalogue.layout import crc32c, run_directory
 from fractal_farm.errors import FarmError
 from fractal_farm.ifs.genome import Genome
+from fractal_farm.ifs.symmetry import NO_SYMMETRY
 
 STEERED_EPOCHS = 10
 _WISH = re.compile(r"wish~\d{19}~[0-9a-f]{8}\.json")
@@ -37,6 +38,7 @@ class SteeringRequest:
         wish: name of the wish.
         design_ids: the designs, 32 hex digits each.
         genes: their rows, (N, K) float64 each.
+        symmetries: their symmetries.
     """
 
     first: int
@@ -44,6 +46,7 @@ class SteeringRequest:
     wish: str
     design_ids: tuple[str, ...]
     genes: tuple[npt.NDArray[np.float64], ...]
+    symmetries: tuple[str, ...]
 
 
 def record_wish(root: Path, run_id: str, genomes: Sequence[Genome]) -> str:
@@ -57,7 +60,10 @@ def record_wish(root: Path, run_id: str, genomes: Sequence[Genome]) -> str:
     Raises:
         FarmError: the file system failed.
     """
-    designs = [{"design_id": genome.design_id, "genes": genome.genes.tolist()} for genome in genomes]
+    designs = [
+        {"design_id": genome.design_id, "genes": genome.genes.tolist(), "symmetry": genome.symmetry}
+        for genome in genomes
+    ]
     content = encoded_document({"designs": designs})
     name = f"wish~{time.time_ns():019d}~{crc32c(content):08x}.json"
     put(run_directory(root, run_id) / name, content)
@@ -117,6 +123,7 @@ def steering_requests(root: Path, run_id: str) -> list[SteeringRequest]:
                 document["wish"],
                 tuple(design["design_id"] for design in document["designs"]),
                 tuple(np.array(design["genes"], np.float64) for design in document["designs"]),
+                tuple(design.get("symmetry", NO_SYMMETRY) for design in document["designs"]),
             )
         )
     return requests

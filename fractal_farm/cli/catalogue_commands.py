@@ -11,6 +11,7 @@ import typer
 
 from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, say, write_file
 from fractal_farm.errors import InputError
+from fractal_farm.ifs.symmetry import NO_SYMMETRY
 
 if TYPE_CHECKING:
     from fractal_farm.catalogue import Catalogue
@@ -21,6 +22,7 @@ IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs
 DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
 
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "grams", "island", "generation")
+_SYMMETRY = "symmetry"
 _JUDGED_COLUMNS = ("stars", "favourite")
 _PREFERENCE = "preference"
 _TABLE_ROWS = 20
@@ -122,6 +124,7 @@ def show(
             f"generation {row['generation']}, slot {row['slot']}",
             "phenotype": f"{row['family']}, {row['map_form']}, rotation sign {row['rotation_sign']}, "
             f"influence {row['influence']:g}",
+            "symmetry": row["symmetry"] or NO_SYMMETRY,
             "points": row["n_points"],
             "files": ", ".join(files) or "no mesh; make one with farm mesh",
         }
@@ -151,7 +154,7 @@ def _listed(
     told = [words or "" for words in (where, sort, columns)]
     if not any(name in words for name in (*_JUDGED_COLUMNS, _PREFERENCE) for words in told):
         # Nothing is read but the columns that decide, and the rows that are shown.
-        read = _SHORT_COLUMNS if columns is None and form is Format.TABLE else DESIGN_SCHEMA.names
+        read = (*_SHORT_COLUMNS, _SYMMETRY) if columns is None and form is Format.TABLE else DESIGN_SCHEMA.names
         read = read if columns is None or columns.strip() == "all" else [name.strip() for name in columns.split(",")]
         known = [name for name in ("design_id", *read) if name in DESIGN_SCHEMA.names]
         table, total = _selected(catalogue, [*dict.fromkeys(known)], where, sort, limit, ancestors=ancestors)
@@ -222,14 +225,16 @@ def _all_columns() -> list[str]:
 
 
 def _chosen(columns: str | None, form: Format, table: Any) -> list[str]:
-    """The columns to show; a short table has those of judgements once there are any."""
+    """The columns to show; a short table has those of symmetry and judgements once there are any."""
     known: list[str] = table.column_names
     if columns is None and form is not Format.TABLE:
         return known
     if columns is None:
         judged = table.column("stars").null_count < len(table) or True in table.column("favourite").to_pylist()
         ranked = [name for name in (_PREFERENCE,) if name in known]
-        return [*_SHORT_COLUMNS, *(_JUDGED_COLUMNS if judged else ()), *ranked]
+        symmetric = set(table.column(_SYMMETRY).to_pylist()) - {None, NO_SYMMETRY}
+        told = [*((_SYMMETRY,) if symmetric else ()), *(_JUDGED_COLUMNS if judged else ())]
+        return [*_SHORT_COLUMNS, *told, *ranked]
     chosen = known if columns.strip() == "all" else [name.strip() for name in columns.split(",")]
     for name in chosen:
         if name not in known:

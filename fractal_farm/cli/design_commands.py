@@ -57,6 +57,7 @@ def score(
             "name": name,
             "design_id": genome.design_id,
             "n_maps": genome.n_maps,
+            "symmetry": genome.symmetry,
             "probabilities": selection_probabilities(genome).tolist(),
             "ratios": _ratios(genome),
             "d0": float(evaluation.d0[index]),

@@ -20,6 +20,7 @@ from fractal_farm.cli.run_commands import (
 )
 from fractal_farm.errors import InputError
 from fractal_farm.farm.interrupts import listening
+from fractal_farm.ifs.symmetry import ALLOWED
 
 if TYPE_CHECKING:
     from fractal_farm.catalogue import Judgement
@@ -207,21 +208,36 @@ def _steer(directory: Path, ids: list[str], run: str | None, as_json: bool) -> i
 
 def keep(
     directory: DirectoryArgument,
-    genomes: Annotated[Path, typer.Argument(metavar="GENOMES", help="YAML file of genomes, see farm score.")],
+    source: Annotated[
+        str, typer.Argument(metavar="GENOMES", help="YAML file of genomes, see farm score; with --symmetry: a design.")
+    ],
     parents: Annotated[
         list[str] | None,
         typer.Option("--parent", metavar="ID", help="Design that they were made from; may be repeated."),
     ] = None,
+    symmetry: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help=f"Keep a design of this symmetry: {ALLOWED}.", show_default=False),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Keep variants that were made by hand: designs of the catalogue, with cloud, scores and lineage."""
+    """Keep variants that were made by hand: designs of the catalogue, with cloud, scores and lineage.
+
+    farm keep DIR ID --symmetry rotation:6 keeps a symmetric child of a design.
+    """
     from fractal_farm.genome_file import load_genomes
     from fractal_farm.hand.breeding import chosen_rows, origin_of
     from fractal_farm.hand.keeping import keep as store
+    from fractal_farm.hand.keeping import keep_symmetric
 
-    phenotype = origin_of(directory, chosen_rows(directory, parents or ())).evolution.phenotype.phenotype()
-    rows = store(directory, [genome for _, genome in load_genomes(genomes, phenotype)], parents or ())
-    columns = ["design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap"]
+    if symmetry is not None:
+        if parents:
+            raise InputError("--parent: not together with --symmetry, whose parent is the design itself")
+        rows = keep_symmetric(directory, source, symmetry)
+    else:
+        phenotype = origin_of(directory, chosen_rows(directory, parents or ())).evolution.phenotype.phenotype()
+        rows = store(directory, [genome for _, genome in load_genomes(source, phenotype)], parents or ())
+    columns = ["design_id", "fitness", "d0", "d2", "lle", "n_maps", "symmetry", "gap"]
     if as_json:
         print_json(rows)
     else:

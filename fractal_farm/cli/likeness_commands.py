@@ -135,6 +135,7 @@ def diff(
 def _print_comparison(comparison: Comparison) -> None:
     from fractal_farm.catalogue.comparison import CLOUDS
     from fractal_farm.distinctness import DISTINCT
+    from fractal_farm.ifs.symmetry import NO_SYMMETRY
     from fractal_farm.likeness import SAME_SHAPE
 
     ids = [row["design_id"] for row in comparison.rows]
@@ -159,6 +160,7 @@ def _print_comparison(comparison: Comparison) -> None:
     ancestor = comparison.common_ancestor
     print_facts(
         {
+            "symmetries": " and ".join(row["symmetry"] or NO_SYMMETRY for row in comparison.rows),
             "signatures apart": f"{comparison.distance:.4f} ({distinct})",
             "clouds apart": f"{comparison.aligned_distance:.4f} radii when laid upon each other ({same})",
             "common ancestor": "none on record"

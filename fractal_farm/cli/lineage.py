@@ -10,6 +10,7 @@ import typer
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
 from fractal_farm.cli.output import AsJson, print_json, print_table, print_tree, say
 from fractal_farm.errors import InputError
+from fractal_farm.ifs.symmetry import NO_SYMMETRY
 
 if TYPE_CHECKING:
     from fractal_farm.catalogue.lineage import Lineage
@@ -100,6 +101,8 @@ def _text(family: Pedigree, line: Relative, descendants: bool) -> str:
         facts["operator"],
         *_birth(facts, "island", "epoch", "generation"),
     ]
+    if facts["symmetry"] not in (None, NO_SYMMETRY):
+        words.append(facts["symmetry"])
     if line.migrated_from is not None:
         words.append(f"its parent came from island {line.migrated_from}" if descendants else "migrated")
     if not is_kept(facts):

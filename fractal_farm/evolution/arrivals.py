@@ -37,13 +37,13 @@ def steered(
     work: WorkingSpace, designs: Designs, config: EvolutionConfig, island: int, epoch: int
 ) -> Generator[Candidates, Scores, None]:
     """Chosen designs become parents for this epoch; in their first one they also arrive, and are born on island 0."""
-    scores = yield Candidates(designs["genes"], designs["n_maps"])
+    scores = yield Candidates(designs["genes"], designs["n_maps"], "scores", designs["symmetry"])
     chosen = designs.copy()
     for column, name in enumerate(SCORE_FIELDS):
         chosen[name] = scores.values[:, column]
     chosen["descriptor"] = scores.descriptors
     if work.archive is not None:
-        gaps = yield Candidates(designs["genes"], designs["n_maps"], "gap")
+        gaps = yield Candidates(designs["genes"], designs["n_maps"], "gap", designs["symmetry"])
         chosen["gap"] = gaps.values[:, _GAP]
     work.chosen = chosen[scores.refusals == 0]
     arrivals = work.chosen[work.chosen["epoch"] == epoch]

@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.distinctness import DESCRIPTOR_LENGTH, LENGTH
+from fractal_farm.ifs.genome import Genome, Phenotype
+from fractal_farm.ifs.symmetry import SYMMETRIES
 
 Designs = npt.NDArray[Any]
 ESTIMATES = ("grams", "width_mm", "depth_mm")
@@ -28,6 +30,10 @@ class Operator(enum.IntEnum):
     CROSSOVER = 3
     MUTATION = 4
     CROSSOVER_MUTATION = 5
+    SYMMETRY = 6
+    CROSSOVER_SYMMETRY = 7
+    MUTATION_SYMMETRY = 8
+    CROSSOVER_MUTATION_SYMMETRY = 9
 
 
 def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
@@ -39,16 +45,17 @@ def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
 
     Returns:
         Structured dtype. `design_id` and `parents` are 32 hex digits as bytes (empty: no parent); `genes` is
-        (max_maps, row_length) float64; scores are float64, and nan where they were not asked for, as the descriptor
-        is; foreseen is the signature that was expected before the evaluation, nan where none was; hits counts
-        near-duplicates of a member of an archive; distinct says that none was nearer among those that the whole run
-        had found before; the birth place is island, epoch, generation, slot.
+        (max_maps, row_length) float64; symmetry is a code of `ifs.symmetry`; scores are float64, and nan where they
+        were not asked for, as the descriptor is; foreseen is the signature that was expected before the evaluation, nan
+        where none was; hits counts near-duplicates of a member of an archive; distinct says that none was nearer among
+        those that the whole run had found before; the birth place is island, epoch, generation, slot.
     """
     return np.dtype(
         [
             ("design_id", "S32"),
             ("genes", "<f8", (max_maps, row_length)),
-            ("n_maps", "<i8"),
+            ("n_maps", "<i4"),
+            ("symmetry", "<i4"),  # together as many bytes as n_maps had in records before there were symmetries
             *((name, "<f8") for name in SCORE_FIELDS),
             ("descriptor", "<f4", (DESCRIPTOR_LENGTH,)),
             ("foreseen", "<f4", (LENGTH,)),
@@ -62,6 +69,21 @@ def design_dtype(max_maps: int, row_length: int) -> np.dtype[Any]:
             ("slot", "<i4"),
         ]
     )
+
+
+def genomes_of(rows: Designs, phenotype: Phenotype) -> list[Genome]:
+    """The genomes of design rows."""
+    return unpadded(rows["genes"], rows["n_maps"], rows["symmetry"], phenotype)
+
+
+def unpadded(
+    genes: npt.NDArray[np.float64], n_maps: npt.NDArray[Any], symmetries: npt.NDArray[Any], phenotype: Phenotype
+) -> list[Genome]:
+    """The genomes of which these are the genes (B, M, K), padded with rows of 0, maps (B,) and symmetries (B,)."""
+    return [
+        Genome(rows[:count], phenotype, symmetry=SYMMETRIES[code].name)
+        for rows, count, code in zip(genes, n_maps.tolist(), symmetries.tolist(), strict=True)
+    ]
 
 
 def total_order(designs: Designs) -> npt.NDArray[np.intp]:

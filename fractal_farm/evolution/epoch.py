@@ -6,16 +6,16 @@ A record holds no more than what changed; with the state before it, it gives the
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.distinctness import DESCRIPTOR_LENGTH
-from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, design_dtype
+from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, design_dtype, unpadded
 from fractal_farm.evolution.offspring import max_maps
-from fractal_farm.ifs.genome import ROW_LENGTH
+from fractal_farm.ifs.genome import ROW_LENGTH, Genome, Phenotype
 
 Wanted = Literal["foreseen", "printable", "scores", "gap", "solid"]
 STEERED = -1
@@ -34,11 +34,23 @@ class Candidates(NamedTuple):
             scores of those whose gap is at most `niches.gap`, and in its place that bound, infinite for the others;
             "foreseen" for what closed forms say of D0, D2, fitness and descriptor, the latter where the fitness is
             `niches.expected_fitness` or more.
+        symmetries: (B,) codes of `ifs.symmetry`; None: nobody has any.
     """
 
     genes: npt.NDArray[np.float64]
     n_maps: npt.NDArray[np.int64]
     wanted: Wanted = "scores"
+    symmetries: npt.NDArray[Any] | None = None
+
+    def part(self, which: slice | npt.NDArray[Any]) -> Candidates:
+        """Some of them, by a slice, a mask or indices."""
+        symmetries = None if self.symmetries is None else self.symmetries[which]
+        return self._replace(genes=self.genes[which], n_maps=self.n_maps[which], symmetries=symmetries)
+
+    def genomes(self, phenotype: Phenotype) -> list[Genome]:
+        """All of them as genomes."""
+        symmetries = np.zeros(len(self.n_maps), np.uint8) if self.symmetries is None else self.symmetries
+        return unpadded(self.genes, self.n_maps, symmetries, phenotype)
 
 
 class Scores(NamedTuple):

@@ -18,6 +18,7 @@ from fractal_farm.evolution.designs import (
     SCORE_FIELDS,
     Designs,
     Operator,
+    genomes_of,
     total_order,
     without_repeats,
 )
@@ -35,7 +36,6 @@ from fractal_farm.evolution.fullness import is_full
 from fractal_farm.evolution.migration import emigrants
 from fractal_farm.evolution.offspring import Brood, founders, offspring
 from fractal_farm.evolution.screening import ForeseenShapes, evaluated, screened_founders, screened_offspring
-from fractal_farm.ifs.genome import design_id
 
 _GAP = SCORE_FIELDS.index("gap")
 _SOLID = slice(_GAP, len(SCORE_FIELDS))
@@ -208,7 +208,8 @@ def _enter(
     unknown = np.isnan(asked["gap"])
     unknown[len(entered) :] = True  # a bound does not tell whose gap is smaller
     if unknown.any():
-        scores = yield Candidates(asked["genes"][unknown], asked["n_maps"][unknown], "gap")
+        sought = asked[unknown]
+        scores = yield Candidates(sought["genes"], sought["n_maps"], "gap", sought["symmetry"])
         asked["gap"][unknown] = scores.values[:, _GAP]
     newcomers = asked[: len(entered)]
     archive.library["gap"][len(archive.library) - len(entered) :] = newcomers["gap"]
@@ -224,7 +225,7 @@ def _measure_solids(work: WorkingSpace) -> Generator[Candidates, Scores, None]:
     if work.archive is None or not any(map(len, unmeasured)):
         return
     designs = np.concatenate(unmeasured)
-    scores = yield Candidates(designs["genes"], designs["n_maps"], "solid")
+    scores = yield Candidates(designs["genes"], designs["n_maps"], "solid", designs["symmetry"])
     measured = dict(zip(designs["design_id"].tolist(), scores.values[:, _SOLID], strict=True))
     for rows in (*work.born, work.library):
         places = [k for k, identity in enumerate(rows["design_id"].tolist()) if identity in measured]
@@ -252,6 +253,7 @@ def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, 
     rows = np.zeros(len(brood.slots), founding_state(config).library.dtype)
     rows["genes"] = brood.genes
     rows["n_maps"] = brood.n_maps
+    rows["symmetry"] = brood.symmetries
     for column, name in enumerate(SCORE_FIELDS):
         rows[name] = scores.values[:, column]
     rows["descriptor"] = scores.descriptors
@@ -267,11 +269,7 @@ def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, 
 
 def _identified(rows: Designs, config: EvolutionConfig) -> Designs:
     """The rows with their design ids."""
-    phenotype = config.phenotype.phenotype()
-    rows["design_id"] = [
-        design_id(genes[:count], phenotype).encode()
-        for genes, count in zip(rows["genes"], rows["n_maps"].tolist(), strict=True)
-    ]
+    rows["design_id"] = [genome.design_id.encode() for genome in genomes_of(rows, config.phenotype.phenotype())]
     return rows
 
 

@@ -24,9 +24,12 @@ from fractal_farm.evolution.operators import (
     similarity_dimension_within,
 )
 from fractal_farm.ifs.genome import ROW_LENGTH
+from fractal_farm.ifs.symmetry import NO_SYMMETRY, SYMMETRIES, symmetry_codes
 from fractal_farm.random_streams import Purpose, stream
 
 ATTEMPTS = 16
+REDRAWN = 0.1
+"""Of the offspring, those that draw a symmetry instead of inheriting it."""
 STEERED_SHARE = 0.5
 """Of the parents drawn while a run is steered, those that somebody chose."""
 
@@ -43,6 +46,7 @@ class Brood(NamedTuple):
         n_maps: (B,) int64.
         parents: (B, 2) design ids as bytes, empty where there is none.
         operators: (B,) uint8, `Operator` codes.
+        symmetries: (B,) uint8 codes of `ifs.symmetry`.
         foreseen: (B, 6) float32 expected signatures, nan where there are none.
     """
 
@@ -51,6 +55,7 @@ class Brood(NamedTuple):
     n_maps: npt.NDArray[np.int64]
     parents: npt.NDArray[np.bytes_]
     operators: npt.NDArray[np.uint8]
+    symmetries: npt.NDArray[np.uint8]
     foreseen: npt.NDArray[np.float32]
 
 
@@ -79,6 +84,7 @@ def planted(brood: Brood, config: EvolutionConfig) -> Brood:
         np.array([len(maps) for maps in seeds], np.int64),
         np.zeros((len(seeds), 2), "S32"),
         np.full(len(seeds), Operator.SEED),
+        symmetry_codes(config.library.seed_symmetries or [NO_SYMMETRY] * len(seeds))[: len(seeds)],
     )
     return joined([ours, selected(brood, brood.slots >= len(seeds))])
 
@@ -196,7 +202,8 @@ def _random(config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> B
     rng = stream(config.seed, Purpose.FOUNDERS, *place)
     genes, n_maps = random_genes(rng, slots, max_maps(config), affine, config.library.map_counts)
     parents, operators = np.zeros((len(rows), 2), "S32"), np.full(len(rows), Operator.RANDOM)
-    return _brood(rows, genes[rows], n_maps[rows], parents, operators)
+    symmetries, _ = _symmetries(config, place, slots, rows)
+    return _brood(rows, genes[rows], n_maps[rows], parents, operators, symmetries)
 
 
 def _brood(
@@ -205,10 +212,12 @@ def _brood(
     n_maps: npt.NDArray[np.int64],
     parents: npt.NDArray[Any],
     operators: npt.NDArray[Any],
+    symmetries: npt.NDArray[np.uint8],
 ) -> Brood:
     """A brood of which nothing is foreseen."""
     foreseen = np.full((len(slots), LENGTH), np.nan, np.float32)
-    return Brood(slots.astype(np.int32), genes, n_maps, parents.astype("S32"), operators.astype(np.uint8), foreseen)
+    lineage = parents.astype("S32"), operators.astype(np.uint8)
+    return Brood(slots.astype(np.int32), genes, n_maps.astype(np.int64), *lineage, symmetries, foreseen)
 
 
 def _bred(
@@ -244,11 +253,31 @@ def _bred(
         config.phenotype.family == "affine",
     )
     lineage = np.stack([identities[first], np.where(crossed, identities[second], b"")], axis=1)
-    operators = np.choose(
-        crossed + 2 * mutated,
-        [Operator.COPY, Operator.CROSSOVER, Operator.MUTATION, Operator.CROSSOVER_MUTATION],
-    )
-    return _brood(rows, genes, n_maps[first], lineage, operators)
+    symmetries, changed = _symmetries(config, place, slots, rows, library["symmetry"][first].astype(np.uint8))
+    operators = Operator.COPY + crossed + 2 * mutated + 4 * changed
+    return _brood(rows, genes, n_maps[first], lineage, operators, symmetries)
+
+
+def _symmetries(
+    config: EvolutionConfig,
+    place: Place,
+    slots: int,
+    rows: Slots,
+    inherited: npt.NDArray[np.uint8] | None = None,
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_]]:
+    """Symmetries drawn by the configured shares, or inherited and seldom drawn anew; and which are not inherited ones.
+
+    Without any but `none` in the configuration nothing is drawn: what chosen parents have is inherited all the same.
+    """
+    before = np.zeros(len(rows), np.uint8) if inherited is None else inherited
+    if set(config.symmetries) == {NO_SYMMETRY}:
+        return before, np.zeros(len(rows), np.bool_)
+    drawn = stream(config.seed, Purpose.SYMMETRY, *place).random((slots, 2))[rows]
+    codes = np.sort(symmetry_codes(config.symmetries))
+    shares = np.array([config.symmetries[SYMMETRIES[code].name] for code in codes])
+    chosen = codes[proportional(shares, drawn[:, 0])]
+    after = chosen if inherited is None else np.where(drawn[:, 1] < REDRAWN, chosen, before)
+    return after, after != before
 
 
 def _scales(

@@ -103,7 +103,7 @@ def screened_founders(config: EvolutionConfig, island: int) -> Generator[Candida
     brood = yield from _promising(nobody, config, (island, 0, 0), size, np.arange(size), 0, None)
     brood = planted(brood, config)
     if config.foreseeable:
-        foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen")
+        foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen", brood.symmetries)
         brood = brood._replace(foreseen=_marks(foreseen))
     return brood
 
@@ -112,7 +112,7 @@ def evaluated(brood: Brood, wanted: Wanted = "scores") -> Generator[Candidates, 
     """The scores of a brood; nobody is asked about an empty one."""
     if not len(brood.slots):
         return Scores.unknown(0)
-    scores = yield Candidates(brood.genes, brood.n_maps, wanted)
+    scores = yield Candidates(brood.genes, brood.n_maps, wanted, brood.symmetries)
     return scores
 
 
@@ -130,7 +130,7 @@ def _promising(
     brood = draws(library, config, place, slots, wanted, range(again * DRAWS, (again + 1) * DRAWS), parents)
     good = brood.operators != Operator.COPY
     if config.foreseeable:
-        foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen")
+        foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen", brood.symmetries)
         brood = brood._replace(foreseen=_marks(foreseen))
         good &= _worthwhile(foreseen, config)
     chosen: list[npt.NDArray[np.intp]] = []

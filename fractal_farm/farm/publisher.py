@@ -19,7 +19,7 @@ from fractal_farm.catalogue.fence import writing
 from fractal_farm.catalogue.parts import list_parts, read_commits
 from fractal_farm.config import RunConfig
 from fractal_farm.errors import StorageFullError
-from fractal_farm.evolution.designs import ESTIMATES, SCORE_FIELDS, Designs, Operator
+from fractal_farm.evolution.designs import ESTIMATES, SCORE_FIELDS, Designs, Operator, genomes_of
 from fractal_farm.farm.work import MeshOrder, Part, PartReceipt, fitness_formula, sample_candidates
 from fractal_farm.fitness import shape_descriptor
 from fractal_farm.ifs.gap import gap
@@ -61,7 +61,7 @@ class Publisher:
         candidates = sample_candidates(self._evolution)
         if not len(candidates.n_maps):
             return
-        genome = Genome(candidates.genes[0, : int(candidates.n_maps[0])], self._phenotype)
+        genome = candidates.genomes(self._phenotype)[0]
         estimates([genome], [gap(genome)])
         similarity_dimension(genome)
         self._descriptor(genome)
@@ -78,7 +78,7 @@ class Publisher:
         _, first = np.unique(part.rows["design_id"], return_index=True)
         rows = part.rows[np.sort(first)]
         kept = part.kept[np.sort(first)]
-        genomes = [Genome(row["genes"][: int(row["n_maps"])], self._phenotype) for row in rows]
+        genomes = genomes_of(rows, self._phenotype)
         designs = [genome for genome, is_kept in zip(genomes, kept, strict=True) if is_kept]
         gaps = [
             (gap(genome) if math.isnan(row["gap"]) else float(row["gap"])) if is_kept else None

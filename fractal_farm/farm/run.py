@@ -17,7 +17,7 @@ from fractal_farm.catalogue.steering import bind_wishes, steering_requests
 from fractal_farm.config import RunConfig
 from fractal_farm.distinctness import DistinctSet, signatures
 from fractal_farm.errors import FarmError, StorageFullError
-from fractal_farm.evolution.designs import Designs
+from fractal_farm.evolution.designs import Designs, genomes_of
 from fractal_farm.evolution.epoch import EpochRecord, IslandState
 from fractal_farm.farm.events import (
     Announcer,
@@ -50,7 +50,6 @@ from fractal_farm.farm.room import Room
 from fractal_farm.farm.schedule import Schedule
 from fractal_farm.farm.steering import take_in
 from fractal_farm.farm.work import MeshOrder, Part, SetAside
-from fractal_farm.ifs.genome import Genome
 from fractal_farm.solid import SolidParameters
 
 PART_DESIGNS = 256
@@ -300,8 +299,8 @@ class Run:
         self._files += receipt.files
         self._bytes += receipt.bytes
         phenotype = self._config.evolution.phenotype.phenotype()
-        for row in part.rows[part.kept & (part.rows["fitness"] > self._config.evolution.qualified)]:
-            genome = Genome(row["genes"][: int(row["n_maps"])], phenotype)
+        rows = part.rows[part.kept & (part.rows["fitness"] > self._config.evolution.qualified)]
+        for row, genome in zip(rows, genomes_of(rows, phenotype), strict=True):
             order = MeshOrder(genome, self._parameters, self._config.solids.formats)
             self._queue.offer(order, float(row["fitness"]), receipt.gaps[genome.design_id])
         self._announce(

@@ -18,6 +18,7 @@ from fractal_farm.evolution.epoch import founding_state
 from fractal_farm.evolution.offspring import max_maps
 from fractal_farm.farm.schedule import Schedule
 from fractal_farm.ifs.genome import Genome
+from fractal_farm.ifs.symmetry import symmetry_codes
 
 
 def take_in(schedule: Schedule, requests: Sequence[SteeringRequest], config: EvolutionConfig) -> None:
@@ -59,6 +60,7 @@ def check_breedable(genome: Genome) -> None:
 def _rows(request: SteeringRequest, config: EvolutionConfig, before: int) -> Designs:
     """The designs of a request without their scores; `before` designs of others are born in the same epoch."""
     rows = np.zeros(len(request.design_ids), founding_state(config).library.dtype)
+    rows["symmetry"] = symmetry_codes(request.symmetries)
     for row, identity, genes in zip(rows, request.design_ids, request.genes, strict=True):
         row["design_id"] = identity.encode()
         row["genes"][: len(genes)] = genes

@@ -19,7 +19,7 @@ from fractal_farm.errors import FarmError
 from fractal_farm.evolution.designs import SCORE_FIELDS
 from fractal_farm.evolution.epoch import Candidates, Scores
 from fractal_farm.farm.work import Evaluate, SetAside, joined, sample_candidates
-from fractal_farm.ifs.genome import Genome, Refusal
+from fractal_farm.ifs.genome import Refusal
 
 DEATHS = 3
 _LOSSES = 2  # of a whole batch, before it is cut
@@ -82,8 +82,7 @@ def evaluate_with_care(
             else:
                 half = len(batch.n_maps) // 2
                 number, first = place
-                ahead = batch._replace(genes=batch.genes[:half], n_maps=batch.n_maps[:half])
-                behind = batch._replace(genes=batch.genes[half:], n_maps=batch.n_maps[half:])
+                ahead, behind = batch.part(slice(half)), batch.part(slice(half, None))
                 lost += [(place, ahead, 1), ((number, first + half), behind, 1)]
         waiting = lost
     return joined([found[place] for place in sorted(found)]), set_aside
@@ -115,7 +114,7 @@ def _verdict(
             )
         deaths.append(outcome.signal)
         if len(deaths) == DEATHS:
-            genome = Genome(single.genes[0, : int(single.n_maps[0])], config.phenotype.phenotype())
+            (genome,) = single.genomes(config.phenotype.phenotype())
             rows = tuple(tuple(row) for row in genome.genes.tolist())
             reason = f"its evaluation, run alone, ended with {', '.join(_name(number) for number in deaths)}"
             return refused(), [SetAside(genome.design_id, rows, reason)]

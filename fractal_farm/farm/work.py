@@ -109,11 +109,7 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig, repeat:
     from fractal_farm.ifs.gap import gap, gaps_within
     from fractal_farm.solid.estimate import estimates
 
-    phenotype = config.phenotype.phenotype()
-    genomes = [
-        Genome(genes[:count], phenotype)
-        for genes, count in zip(candidates.genes, candidates.n_maps.tolist(), strict=True)
-    ]
+    genomes = candidates.genomes(config.phenotype.phenotype())
     scores = Scores.unknown(len(genomes))
     gaps = scores.values[:, SCORE_FIELDS.index("gap")]
     if candidates.wanted in ("gap", "solid"):
@@ -124,7 +120,7 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig, repeat:
         return scores
     limit = config.niches.gap
     within = gaps_within(genomes, limit)
-    found = _fitness(Candidates(candidates.genes[within], candidates.n_maps[within]), config, repeat)
+    found = _fitness(candidates.part(within), config, repeat)
     scores.values[within] = found.values
     scores.refusals[within] = found.refusals
     scores.descriptors[within] = found.descriptors
@@ -137,7 +133,14 @@ def _foreseen(candidates: Candidates, config: EvolutionConfig) -> Scores:
     from fractal_farm.fitness import foresee
 
     least = config.niches.expected_fitness or 0.0
-    found = foresee(candidates.genes, candidates.n_maps, config.phenotype.phenotype(), fitness_formula(config), least)
+    found = foresee(
+        candidates.genes,
+        candidates.n_maps,
+        config.phenotype.phenotype(),
+        fitness_formula(config),
+        least,
+        candidates.symmetries,
+    )
     scores = Scores.unknown(len(found.d0))
     for name, column in (("d0", found.d0), ("d2", found.d2), ("fitness", found.fitness)):
         scores.values[:, SCORE_FIELDS.index(name)] = column
@@ -156,6 +159,7 @@ def _fitness(candidates: Candidates, config: EvolutionConfig, repeat: int) -> Sc
         fitness_formula(config),
         repeat=repeat,
         described_from=config.qualified,
+        symmetries=candidates.symmetries,
     )
     scores = Scores.unknown(len(result.fitness))
     known = (result.d0, result.d2, result.lle, result.fitness, result.d0_error, result.d2_error)
@@ -181,9 +185,9 @@ def warm_up(evaluate: Evaluate, config: EvolutionConfig) -> None:
 
 def sample_candidates(config: EvolutionConfig) -> Candidates:
     """Two founders of a run of seed 0 without seeds of its own: what it takes to try an evaluation."""
-    library = config.library.model_copy(update={"seeds": ()})
+    library = config.library.model_copy(update={"seeds": (), "seed_symmetries": ()})
     brood = founders(config.model_copy(update={"seed": 0, "library": library}), 0)
-    return Candidates(brood.genes[:2], brood.n_maps[:2])
+    return Candidates(brood.genes[:2], brood.n_maps[:2], "scores", brood.symmetries[:2])
 
 
 def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:
@@ -202,10 +206,7 @@ def split(candidates: Candidates, size: int | None) -> list[Candidates]:
     count = len(candidates.n_maps)
     scale = _FORESEEN_AN_EVALUATION if candidates.wanted == "foreseen" else 1
     step = max(1, count if size is None else size * scale)
-    return [
-        candidates._replace(genes=candidates.genes[k : k + step], n_maps=candidates.n_maps[k : k + step])
-        for k in range(0, max(count, 1), step)
-    ]
+    return [candidates.part(slice(k, k + step)) for k in range(0, max(count, 1), step)]
 
 
 def joined(scores: list[Scores]) -> Scores:

@@ -17,16 +17,24 @@ from fractal_farm.errors import InputError
 from fractal_farm.fitness.descriptor import LENGTH, DescriptorWorkspace, describe, new_descriptor_workspace
 from fractal_farm.fitness.dimensions import CloudWorkspace, measure, new_cloud_workspace
 from fractal_farm.fitness.formula import FitnessFormula, FormulaNumbers, fitness, numbers_of
-from fractal_farm.fitness.inputs import as_typed, checked_batch, checked_probabilities, whole_number
+from fractal_farm.fitness.inputs import (
+    as_typed,
+    checked_batch,
+    checked_probabilities,
+    checked_symmetries,
+    whole_number,
+)
 from fractal_farm.fitness.lyapunov import (
     TangentWorkspace,
     new_tangent_workspace,
     similarity_exponent,
     tangent_growth,
 )
+from fractal_farm.ifs.copies import place_copies
 from fractal_farm.ifs.genome import MAX_MAPS, ROW_LENGTH, Genome, Phenotype, Refusal
 from fractal_farm.ifs.kernel import kernel
-from fractal_farm.ifs.random_iteration import iterate, stream_keys, stream_number
+from fractal_farm.ifs.random_iteration import grow, stream_keys, stream_number
+from fractal_farm.ifs.symmetry import symmetry_codes
 from fractal_farm.ifs.system import Reading, System, build_system, new_system, reading_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -109,8 +117,10 @@ def evaluate(
             if typed[i].probabilities is not None:
                 by_hand[row, : typed[i].n_maps] = typed[i].probabilities
         n_maps = np.array([typed[i].n_maps for i in members], np.int64)
+        symmetries = symmetry_codes(typed[i].symmetry for i in members)
         parts = [
-            evaluate_batch(genes, n_maps, phenotype, n_points, formula, by_hand, repeat) for repeat in range(repeats)
+            evaluate_batch(genes, n_maps, phenotype, n_points, formula, by_hand, repeat, symmetries=symmetries)
+            for repeat in range(repeats)
         ]
         part = parts[0] if repeats == 1 else _mean(parts)
         for name, column in vars(result).items():
@@ -127,6 +137,7 @@ def evaluate_batch(
     probabilities: FloatArray | None = None,
     repeat: int = 0,
     described_from: float = 0.0,
+    symmetries: npt.NDArray[np.uint8] | None = None,
 ) -> Evaluation:
     """Score a batch of genomes of one phenotype in one call that releases the GIL.
 
@@ -141,6 +152,8 @@ def evaluate_batch(
         repeat: number of an independent cloud; 0 is the one that scores are computed from.
         described_from: fitness from which on a genome gets a descriptor, which takes a tenth of the time; above 1,
             none does. Those of the others are nan.
+        symmetries: (B,) codes (`ifs.symmetry`); None: nobody has any. LLE is that of the maps, the rest that of the
+            whole shape.
 
     Returns:
         The scores.
@@ -158,7 +171,8 @@ def evaluate_batch(
     stream = stream_number("fitness" if repeat == 0 else "repeat", repeat)
     task = Task(reading_of(phenotype), numbers_of(formula), stream, float(described_from))
     work = new_batch_workspace(n_points)
-    _evaluate_genomes(genes, n_maps, by_hand, task, work, values, result.descriptor, result.refusal)
+    codes = checked_symmetries(symmetries, len(genes))
+    _evaluate_genomes(genes, n_maps, by_hand, codes, task, work, values, result.descriptor, result.refusal)
     for row, name in enumerate(("d0", "d2", "lle", "fitness", "d0_error", "d2_error")):
         getattr(result, name)[:] = values[row]
     if phenotype.family == "similarity":
@@ -212,7 +226,9 @@ def new_batch_workspace(n_points: int) -> BatchWorkspace:
 
 
 @kernel
-def _evaluate_genomes(genes, n_maps, by_hand, task, work, values, descriptors, refusal):  # type: ignore[no-untyped-def]
+def _evaluate_genomes(  # type: ignore[no-untyped-def]
+    genes, n_maps, by_hand, symmetries, task, work, values, descriptors, refusal
+):
     """Fill values (6, B), descriptors (B, 14) and refusal (B,), one genome after the other."""
     system, cloud = work.system, work.cloud
     n = cloud.shape[1]
@@ -223,13 +239,14 @@ def _evaluate_genomes(genes, n_maps, by_hand, task, work, values, descriptors, r
         refusal[b] = build_system(genes[b], n_maps[b], task.reading, by_hand[b], system)
         if refusal[b] != _NONE:
             continue
-        first, second = stream_keys(system.keys, task.stream)
-        iterate(system.maps, system.thresholds, n_maps[b], system.start, first, second, cloud)
+        place_copies(symmetries[b], n_maps[b], system)
+        grow(system, n_maps[b], task.stream, cloud)
         if not np.isfinite(cloud[0, n - 1] + cloud[1, n - 1] + cloud[2, n - 1]):  # once infinite, an orbit stays so
             refusal[b] = _NOT_FINITE
             continue
         d0, d2, d0_error, d2_error = measure(cloud, work.measures)
         if task.reading.affine:
+            first, second = stream_keys(system.keys, task.stream)
             lle = tangent_growth(system, n_maps[b], first, second, work.tangent)
         else:
             lle = similarity_exponent(system, n_maps[b])

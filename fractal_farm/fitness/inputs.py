@@ -13,6 +13,7 @@ import numpy.typing as npt
 from fractal_farm.errors import InputError
 from fractal_farm.fitness.points import real_table
 from fractal_farm.ifs.genome import MAX_MAPS, ROW_LENGTH, Genome, check_probabilities
+from fractal_farm.ifs.symmetry import SYMMETRIES, symmetry_code
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -28,6 +29,7 @@ def as_typed(value: Genome | npt.ArrayLike, name: str) -> Genome:
         raise InputError(f"{name}: shape {shape}; a {family} genome has 1 to {MAX_MAPS} rows of {width} numbers")
     if value.probabilities is not None:
         check_probabilities(value.probabilities, value.n_maps, name)
+    symmetry_code(value.symmetry, name)
     return value
 
 
@@ -63,3 +65,13 @@ def checked_probabilities(probabilities: npt.ArrayLike, genes: FloatArray, n_map
         count = int(n_maps[b])
         check_probabilities(tuple(by_hand[b, :count].tolist()), count, f"probabilities: genome {b}")
     return by_hand
+
+
+def checked_symmetries(symmetries: npt.ArrayLike | None, count: int) -> npt.NDArray[np.uint8]:
+    """Codes of symmetries (count,), all 0 for None."""
+    if symmetries is None:
+        return np.zeros(count, np.uint8)
+    codes = np.array(symmetries)
+    if codes.shape != (count,) or codes.dtype.kind not in "iu" or not ((codes >= 0) & (codes < len(SYMMETRIES))).all():
+        raise InputError(f"symmetries: give {count} codes from 0 to {len(SYMMETRIES) - 1}")
+    return codes.astype(np.uint8)

@@ -27,6 +27,7 @@ from fractal_farm.errors import InputError
 from fractal_farm.farm.steering import check_breedable
 from fractal_farm.farm.stopping import chosen_run
 from fractal_farm.ifs.genome import MAX_MAPS, ROW_LENGTH, Genome
+from fractal_farm.ifs.symmetry import NO_SYMMETRY, symmetry_codes
 
 _SETTING = {
     "method": "niches",
@@ -130,7 +131,9 @@ def founders_of(root: Path, ids: Sequence[str]) -> Founders:
         padded = np.zeros((len(genomes), MAX_MAPS, ROW_LENGTH[phenotype.family]))
         for row, genome in zip(padded, genomes, strict=True):
             row[: genome.n_maps] = genome.genes
-        found = foresee(padded, np.array([genome.n_maps for genome in genomes]), phenotype, formula)
+        counts = np.array([genome.n_maps for genome in genomes])
+        codes = symmetry_codes(genome.symmetry for genome in genomes)
+        found = foresee(padded, counts, phenotype, formula, symmetries=codes)
         foreseen = [tuple(found.fitness.tolist()), tuple(found.d0.tolist())]
     return Founders(
         tuple(genome.design_id for genome in genomes),
@@ -155,7 +158,11 @@ def breeding_config(founders: Founders, overrides: Sequence[str] = ()) -> RunCon
     base = founders.config
     counts = Counter(genome.n_maps for genome in founders.genomes)
     seeds = [genome.genes.tolist() for genome in founders.genomes]
+    symmetries = [genome.symmetry for genome in founders.genomes]
+    if set(symmetries) == {NO_SYMMETRY}:
+        symmetries = []
     if len(seeds) == 1:
+        symmetries *= 2
         seeds *= 2  # a library has at least two members; the second is turned away
     evolution = {
         **base.evolution.model_dump(mode="json"),
@@ -163,6 +170,7 @@ def breeding_config(founders: Founders, overrides: Sequence[str] = ()) -> RunCon
         "library": {
             "size": len(seeds),
             "seeds": seeds,
+            "seed_symmetries": symmetries,
             "map_counts": {maps: number / len(founders.genomes) for maps, number in sorted(counts.items())},
         },
         "migration": {"emigrants": min(5, len(seeds))},

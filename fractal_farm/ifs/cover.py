@@ -1,4 +1,4 @@
-"""Points that cover the attractor, and its exact box (DESIGN section 6, point 1).
+"""Points that cover the attractor with its copies, and its exact box (DESIGN section 6, point 1).
 
 The cover is a cut set of the address tree: words w, outermost map first, are lengthened until the piece f_w(A) lies
 within the radius of its point f_w(a), a a point of the attractor. No random numbers, no probabilities, and no part of
@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.cell_search import cells_of, search_cells
+from fractal_farm.ifs.copies import copied
 from fractal_farm.ifs.enclosure import (
     Enclosure,
     compose,
@@ -29,7 +30,7 @@ from fractal_farm.ifs.genome import Genome, as_genome
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.random_iteration import system_of
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
-from fractal_farm.ifs.support import longest_side, tighten_box
+from fractal_farm.ifs.support import copies_box, longest_side, tighten_box
 
 MAX_POINTS = 5_000_000
 MAX_BOX_NODES = 500_000
@@ -44,7 +45,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def attractor_bounds(genome: Genome | npt.ArrayLike, tolerance: float) -> FloatArray:
-    """The box of the attractor, from the address tree and never from random points.
+    """The box of the attractor and its copies, from the address tree and never from random points.
 
     Args:
         genome: a `Genome` or an (N, 7) array.
@@ -60,27 +61,28 @@ def attractor_bounds(genome: Genome | npt.ArrayLike, tolerance: float) -> FloatA
     valid = as_genome(genome)
     if not (math.isfinite(tolerance) and tolerance > 0.0):
         raise InputError(f"tolerance is {tolerance}; give a length above 0 in IFS units")
-    enclosure = enclosure_of(valid, 0.0, tolerance)
-    reached = float(np.abs(enclosure.box - enclosure.attained).max())
+    box, attained = union_of(valid, enclosure_of(valid, 0.0, tolerance), 0.0, tolerance)
+    reached = float(np.abs(box - attained).max())
     if reached > tolerance:
         raise FarmError(
             f"the box of design {valid.design_id[:8]} is known to {reached:.3g} only, not to {tolerance:.3g}: its maps "
             f"overlap heavily (similarity dimension {similarity_dimension(valid):.1f}); ask for a tolerance of "
             f"{_MARGIN * reached:.3g} or more"
         )
-    return enclosure.box
+    return box
 
 
 def attractor_cover(genome: Genome | npt.ArrayLike, radius: float, max_points: int = MAX_POINTS) -> FloatArray:
-    """Points of the attractor such that every point of it lies within `radius` of one of them.
+    """Points of the attractor and its copies such that every point of them lies within `radius` of one of these.
 
     Args:
         genome: a `Genome` or an (N, 7) array.
         radius: IFS units, above 0.
-        max_points: upper bound of the number of points; memory is some 50 bytes for each.
+        max_points: upper bound of the number of points of a copy; memory is some 50 bytes for each.
 
     Returns:
-        (m, 3) float64, in the order of the address tree, or of discovery where the search over cells was needed.
+        (m, 3) float64, one copy after the other, each in the order of the address tree, or of discovery where the
+        search over cells was needed.
 
     Raises:
         InputError: the genome is invalid, or a number out of range.
@@ -102,11 +104,11 @@ def attractor_cover(genome: Genome | npt.ArrayLike, radius: float, max_points: i
             f"a cover of design {valid.design_id[:8]} within {radius:.3g} needs more than {max_points} points; ask for "
             f"a larger radius (the longest side of the attractor is {side:.3g}) or a larger max_points"
         )
-    return points
+    return copied(points, system_of(valid))
 
 
 def enclosure_of(genome: Genome, relative: float, absolute: float) -> Enclosure:
-    """The enclosure of a valid genome, its two boxes as close as asked for (see `tighten_box`) or as can be had."""
+    """The enclosure of a valid genome's attractor, its boxes as close as asked for (`tighten_box`) or as can be had."""
     maps = system_of(genome).maps
     enclosure: Enclosure = new_enclosure()
     enclose(maps, genome.n_maps, enclosure)
@@ -114,8 +116,15 @@ def enclosure_of(genome: Genome, relative: float, absolute: float) -> Enclosure:
     return enclosure
 
 
+def union_of(genome: Genome, enclosure: Enclosure, relative: float, absolute: float) -> tuple[FloatArray, FloatArray]:
+    """Two boxes (2, 3) of the attractor with its copies: that holds them, and that they reach on all six sides."""
+    union = np.empty((2, 2, 3))
+    copies_box(system_of(genome), genome.n_maps, relative, absolute, MAX_BOX_NODES, enclosure, union)
+    return union[0], union[1]
+
+
 def cut_set_of(genome: Genome, enclosure: Enclosure, radius: float, max_points: int) -> FloatArray | None:
-    """The cut set of a valid genome, or None where it has more than `max_points` words.
+    """The cut set of a valid genome's attractor, or None where it has more than `max_points` words.
 
     A cut set of similarities has at least (reach / radius)^s words, s the similarity dimension, since rho_w^s adds up
     to 1 over it: hopeless ones are not begun.

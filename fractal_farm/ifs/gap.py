@@ -4,6 +4,9 @@ The gap is the longest edge of the minimum spanning tree between the first-level
 the attractor's exact box. Deeper gaps are contracted by the maps, so the points within r of the attractor are one body
 as soon as 2 r >= gap x size. Distances are found by branch and bound over pairs of pieces f_v(A), f_w(A): a pair lies
 between the distance of its balls and that of two points of the attractor.
+
+The copies of a symmetric design share points (`symmetry`), so that the edges within one of them are all there are; they
+are measured by the box of all copies. Where copies bridge each other's edges, that is more than is needed.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ from fractal_farm.ifs.enclosure import (
 from fractal_farm.ifs.genome import MAX_MAPS, Genome, as_genome
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.random_iteration import system_of
-from fractal_farm.ifs.support import longest_side, tighten_box
+from fractal_farm.ifs.support import copies_box, longest_side, tighten_box
 
 TOLERANCE = 1e-3
 BOX_TOLERANCE = 2e-4
@@ -52,6 +55,7 @@ class GapWorkspace(NamedTuple):
         pairs: (MAX_PAIRS, 2) int64, the two pieces of each.
         closest: (MAX_MAPS, MAX_MAPS, 2, 3) float64, the closest points found of pieces i > j.
         contacts: (MAX_MAPS, 2, 3) float64, those of the N - 1 edges of the spanning tree.
+        union: (2, 2, 3) float64, the boxes of all copies, see `copies_box`.
     """
 
     enclosure: Enclosure
@@ -63,10 +67,11 @@ class GapWorkspace(NamedTuple):
     pairs: npt.NDArray[np.int64]
     closest: npt.NDArray[np.float64]
     contacts: npt.NDArray[np.float64]
+    union: npt.NDArray[np.float64]
 
 
 def gap(genome: Genome | npt.ArrayLike) -> float:
-    """Longest edge of the minimum spanning tree between the pieces f_i(A), over the longest side of the box of A.
+    """Longest edge of the minimum spanning tree between the pieces f_i(A), over the longest side of the shape's box.
 
     Args:
         genome: a `Genome` or an (N, 7) array.
@@ -96,7 +101,7 @@ def gaps_within(genomes: list[Genome], limit: float) -> npt.NDArray[np.bool_]:
         (len(genomes),) bool.
     """
     workspace = new_gap_workspace()
-    return np.array([gap_is_within(system_of(one).maps, one.n_maps, limit, workspace) for one in genomes], np.bool_)
+    return np.array([gap_is_within(system_of(one), one.n_maps, limit, workspace) for one in genomes], np.bool_)
 
 
 def measure_gap(genome: Genome) -> tuple[float, npt.NDArray[np.float64], Enclosure]:
@@ -110,7 +115,9 @@ def measure_gap(genome: Genome) -> tuple[float, npt.NDArray[np.float64], Enclosu
         enclosure of the attractor.
     """
     workspace = new_gap_workspace()
-    value, _, _ = gap_of_maps(system_of(genome).maps, genome.n_maps, workspace)
+    system = system_of(genome)
+    value, _, _ = gap_of_maps(system.maps, genome.n_maps, workspace)
+    value *= _share(system, genome.n_maps, workspace)
     return float(value), workspace.contacts[: genome.n_maps - 1].copy(), workspace.enclosure
 
 
@@ -127,12 +134,13 @@ def new_gap_workspace():  # type: ignore[no-untyped-def]
         np.empty((MAX_PAIRS, 2), np.int64),
         np.zeros((MAX_MAPS, MAX_MAPS, 2, 3)),
         np.zeros((MAX_MAPS, 2, 3)),
+        np.zeros((2, 2, 3)),
     )
 
 
 @kernel
 def gap_of_maps(maps, n_maps, workspace):  # type: ignore[no-untyped-def]
-    """The gap of one system of maps; see `gap`.
+    """The gap of one system of maps without symmetry; see `gap`.
 
     Args:
         maps: (M, 12) float64, row-major 3 x 4 maps in canonical order, the first n_maps count (`System.maps`, or an
@@ -151,11 +159,22 @@ def gap_of_maps(maps, n_maps, workspace):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def gap_is_within(maps, n_maps, limit, workspace):  # type: ignore[no-untyped-def]
-    """Whether the gap of one system of maps is at most `limit`; see `gaps_within` and `gap_of_maps`."""
-    side = _side_of(maps, n_maps, workspace)
-    longest, _, _ = _spanning_tree(maps, n_maps, limit * side, limit * side, TOLERANCE * side, workspace)
-    return longest <= limit * side
+def gap_is_within(system, n_maps, limit, workspace):  # type: ignore[no-untyped-def]
+    """Whether the gap of one `System`, its copies placed, is at most `limit`; see `gaps_within`."""
+    side = _side_of(system.maps, n_maps, workspace)
+    allowed = limit * side / _share(system, n_maps, workspace)
+    longest, _, _ = _spanning_tree(system.maps, n_maps, allowed, allowed, TOLERANCE * side, workspace)
+    return longest <= allowed
+
+
+@kernel
+def _share(system, n_maps, workspace):  # type: ignore[no-untyped-def]
+    """Longest side of the attractor over that of all its copies; 1 for a point."""
+    if system.n_copies[0] == 1:
+        return 1.0
+    copies_box(system, n_maps, BOX_TOLERANCE, 0.0, MAX_BOX_NODES, workspace.enclosure, workspace.union)
+    side = longest_side(workspace.enclosure.attained)
+    return side / longest_side(workspace.union[1]) if side > 0.0 else 1.0
 
 
 @kernel

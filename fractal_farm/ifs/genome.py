@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.linear_algebra import largest_singular_value
+from fractal_farm.ifs.symmetry import NO_SYMMETRY, symmetry_code
 
 Family = Literal["similarity", "affine"]
 MapForm = Literal["rho R (x + d)", "rho R x + d"]
@@ -78,11 +79,13 @@ class Genome:
             the affine family, row-major [A | d]. Read-only. Not validated here: see `as_genome`.
         phenotype: how rows become maps.
         probabilities: (N,) selection probabilities set by hand (section 3.1.3), or None for eqs 3.3 and 3.4.
+        symmetry: name of the symmetry that makes the shape out of the attractor, see `symmetry`.
     """
 
     genes: FloatArray
     phenotype: Phenotype = field(default_factory=Phenotype)
     probabilities: tuple[float, ...] | None = None
+    symmetry: str = NO_SYMMETRY
 
     def __post_init__(self) -> None:
         genes = np.array(self.genes, dtype=np.float64, order="C")
@@ -97,7 +100,7 @@ class Genome:
     @property
     def design_id(self) -> str:
         """32 hex digits: blake2b-128 of the genome in canonical row order and of all that shapes it."""
-        return design_id(self.genes, self.phenotype, self.probabilities)
+        return design_id(self.genes, self.phenotype, self.probabilities, self.symmetry)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Genome) and self.design_id == other.design_id
@@ -114,7 +117,8 @@ def as_genome(value: Genome | npt.ArrayLike, name: str = "genome") -> Genome:
         name: how messages call it.
 
     Raises:
-        InputError: wrong shape, a gene that is not finite, a map that does not contract, bad probabilities.
+        InputError: wrong shape, a gene that is not finite, a map that does not contract, bad probabilities, or an
+            unknown symmetry.
     """
     if not isinstance(value, Genome):
         try:
@@ -131,6 +135,7 @@ def as_genome(value: Genome | npt.ArrayLike, name: str = "genome") -> Genome:
             raise InputError(f"{name} map {row}: {remark}")
     if value.probabilities is not None:
         check_probabilities(value.probabilities, value.n_maps, name)
+    symmetry_code(value.symmetry, name)
     return value
 
 
@@ -158,7 +163,12 @@ def canonical_rows(genes: FloatArray) -> list[tuple[float, ...]]:
     return sorted(tuple(allele + 0.0 for allele in row) for row in genes.tolist())
 
 
-def design_id(genes: FloatArray, phenotype: Phenotype, probabilities: tuple[float, ...] | None = None) -> str:
+def design_id(
+    genes: FloatArray,
+    phenotype: Phenotype,
+    probabilities: tuple[float, ...] | None = None,
+    symmetry: str = NO_SYMMETRY,
+) -> str:
     """Identity of a design: the same for any order of its maps, different for anything that changes its points."""
     rows = canonical_rows(genes)
     if probabilities is not None:
@@ -168,6 +178,8 @@ def design_id(genes: FloatArray, phenotype: Phenotype, probabilities: tuple[floa
         f"{phenotype.family}|{float(phenotype.influence)!r}|{phenotype.map_form}|{phenotype.rotation_sign}"
         f"|{len(rows)}x{len(rows[0])}|{probabilities is not None}|"
     )
+    if symmetry != NO_SYMMETRY:
+        head += f"{symmetry}|"
     body = b"".join(struct.pack(f"<{len(row)}d", *row) for row in rows)
     return hashlib.blake2b(head.encode() + body, digest_size=_ID_BYTES, person=b"farm-design-1").hexdigest()
 

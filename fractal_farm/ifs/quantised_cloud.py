@@ -15,9 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.errors import InputError
+from fractal_farm.ifs.copies import place_copies
 from fractal_farm.ifs.genome import MAX_MAPS, ROW_LENGTH, Genome, Phenotype
 from fractal_farm.ifs.kernel import kernel
-from fractal_farm.ifs.random_iteration import PURPOSES, iterate, stream_keys
+from fractal_farm.ifs.random_iteration import PURPOSES, grow
+from fractal_farm.ifs.symmetry import symmetry_codes
 from fractal_farm.ifs.system import build_system, new_system, reading_of
 
 STEPS = 65535
@@ -134,6 +136,7 @@ def quantised_attractors(genomes: Sequence[Genome], n_points: int, purpose: str 
             genes,
             n_maps,
             by_hand,
+            symmetry_codes(genomes[index].symmetry for index in members),
             reading_of(phenotype),
             PURPOSES[purpose],
             new_system(),
@@ -193,13 +196,16 @@ def quantise_batch(points, quantised, origin, scale):  # type: ignore[no-untyped
 
 
 @kernel
-def grow_batch(genes, n_maps, by_hand, reading, purpose, system, rows, quantised, origin, scale):  # type: ignore[no-untyped-def]
+def grow_batch(  # type: ignore[no-untyped-def]
+    genes, n_maps, by_hand, symmetries, reading, purpose, system, rows, quantised, origin, scale
+):
     """Grow and quantise the clouds of a batch of genomes of one phenotype.
 
     Args:
         genes: (b, M, K) float64, zero padded.
         n_maps: (b,) int64.
         by_hand: (b, M) float64 probabilities set by hand; first entry of a row < 0 for none.
+        symmetries: (b,) uint8 codes.
         reading: `Reading` of the phenotype.
         purpose: number of the purpose, see `PURPOSES`.
         system: `System`, working space.
@@ -220,8 +226,8 @@ def grow_batch(genes, n_maps, by_hand, reading, purpose, system, rows, quantised
         row = rows[i]
         if build_system(genes[i], n_maps[i], reading, by_hand[i], system) != 0:
             return row
-        first, second = stream_keys(system.keys, purpose)
-        iterate(system.maps, system.thresholds, n_maps[i], system.start, first, second, orbit)
+        place_copies(symmetries[i], n_maps[i], system)
+        grow(system, n_maps[i], purpose, orbit)
         scale[row] = quantise_cloud(orbit.T, quantised[row], origin[row], keys, spare, counts)
         if not np.isfinite(scale[row]):
             return row

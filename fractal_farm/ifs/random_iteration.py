@@ -11,11 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.errors import InputError
+from fractal_farm.ifs.copies import place_copies, spread_over_copies
 from fractal_farm.ifs.genome import Genome, as_genome
 from fractal_farm.ifs.kernel import kernel
+from fractal_farm.ifs.symmetry import symmetry_code
 from fractal_farm.ifs.system import (
     FIRST_FACTOR,
     FIRST_SHIFT,
+    INCREMENT,
     NEXT_FACTOR,
     NEXT_SHIFT,
     System,
@@ -27,14 +30,13 @@ from fractal_farm.ifs.system import (
 
 PURPOSES = {"fitness": 0, "display": 1, "repeat": 2}
 GENERATOR_VERSION = "ria-1"
-_INCREMENT = np.uint32(0x9E3779B9)  # 2^32 over the golden ratio: the counter visits all words
 _LARGEST = np.uint32(0xFFFFFFFF)
 
 
 def attractor_points(
     genome: Genome | npt.ArrayLike, n: int, purpose: str = "fitness", repeat: int = 0
 ) -> npt.NDArray[np.float64]:
-    """Points of the attractor by random iteration.
+    """Points of the attractor by random iteration, spread over its copies if the genome has a symmetry.
 
     Args:
         genome: a `Genome` or an (N, 7) array.
@@ -53,8 +55,7 @@ def attractor_points(
     valid = as_genome(genome)
     system = system_of(valid)
     points = np.empty((3, n))
-    first, second = stream_keys(system.keys, stream_number(purpose, repeat))
-    iterate(system.maps, system.thresholds, valid.n_maps, system.start, first, second, points)
+    grow(system, valid.n_maps, stream_number(purpose, repeat), points)
     return np.ascontiguousarray(points.T)
 
 
@@ -76,7 +77,17 @@ def system_of(genome: Genome) -> System:
     system = new_system()
     by_hand = np.array(genome.probabilities if genome.probabilities is not None else (-1.0,))
     build_system(genome.genes.copy(), genome.n_maps, reading_of(genome.phenotype), by_hand, system)
+    place_copies(symmetry_code(genome.symmetry, "genome"), genome.n_maps, system)
     return system
+
+
+@kernel
+def grow(system, n_maps, stream, points):  # type: ignore[no-untyped-def]
+    """Fill points (3, n) with the cloud of one of a genome's streams, spread over the copies of the attractor."""
+    first, second = stream_keys(system.keys, stream)
+    iterate(system.maps, system.thresholds, n_maps, system.start, first, second, points)
+    if system.n_copies[0] > 1:
+        spread_over_copies(system, first, second, points)
 
 
 @kernel
@@ -107,7 +118,7 @@ def iterate(maps, thresholds, n_maps, start, first, second, points):  # type: ig
     high = thresholds[1] if n_maps > 2 else _LARGEST
     counter = np.uint32(first)
     for t in range(points.shape[1]):
-        counter = np.uint32(counter + _INCREMENT)
+        counter = np.uint32(counter + INCREMENT)
         draw = counter ^ (counter >> FIRST_SHIFT)
         draw = np.uint32(draw * FIRST_FACTOR) ^ np.uint32(second)
         draw ^= draw >> NEXT_SHIFT

@@ -45,9 +45,53 @@ def tighten_box(maps, n_maps, relative, absolute, max_nodes, enclosure):  # type
                 low = sign * enclosure.attained[end, axis]
                 if sign * enclosure.box[end, axis] - low <= goal:
                     continue
-                best, bound, nodes = _support(maps, n_maps, axis, sign, goal, limit, enclosure, stack)
+                x, y, z = _along(axis, sign)
+                high = sign * enclosure.box[end, axis]
+                best, bound, nodes = _support(maps, n_maps, x, y, z, low, high, goal, limit, enclosure, stack)
                 enclosure.attained[end, axis] = sign * max(low, best)
                 enclosure.box[end, axis] = sign * min(sign * enclosure.box[end, axis], bound)
+                visited += nodes
+    return visited
+
+
+@kernel
+def copies_box(system, n_maps, relative, absolute, max_nodes, enclosure, union):  # type: ignore[no-untyped-def]
+    """The box of all copies of an attractor (`copies`).
+
+    Args:
+        system: filled `System`, its copies placed.
+        n_maps: number of maps.
+        relative: see `tighten_box`,
+        absolute: likewise,
+        max_nodes: likewise, for a side of a copy.
+        enclosure: `Enclosure` of the attractor, its boxes tight.
+        union: (2, 2, 3) float64, filled with a box that holds all copies, and one that they reach on all six sides.
+
+    Returns:
+        Nodes visited.
+    """
+    for end in range(2):
+        copy_numbers(enclosure.box[end], union[0, end], 3)
+        copy_numbers(enclosure.attained[end], union[1, end], 3)
+    visited = 0
+    if system.n_copies[0] == 1:
+        return visited
+    stack = np.empty((max_nodes * (n_maps - 1) + n_maps + 1, 5))
+    for k in range(1, system.n_copies[0]):
+        goal = max(relative * longest_side(union[1]), absolute)
+        for axis in range(3):
+            row = system.copies[k, 4 * axis : 4 * axis + 4]
+            for end in range(2):
+                sign = 2.0 * end - 1.0
+                x, y, z = sign * row[0], sign * row[1], sign * row[2]
+                moved = sign * row[3]
+                low = sign * union[1, end, axis] - moved
+                high = _reach(x, y, z, enclosure)
+                best, bound, nodes = _support(
+                    system.maps, n_maps, x, y, z, low, high, goal, max_nodes, enclosure, stack
+                )
+                union[1, end, axis] = sign * (moved + best)
+                union[0, end, axis] = sign * max(sign * union[0, end, axis], moved + bound)
                 visited += nodes
     return visited
 
@@ -59,14 +103,14 @@ def longest_side(box):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _support(maps, n_maps, axis, sign, tolerance, max_nodes, enclosure, stack):  # type: ignore[no-untyped-def]
-    """h(sign e_axis) between the value of a point that is attained and an upper bound; and the nodes visited."""
+def _support(maps, n_maps, x, y, z, low, high, tolerance, max_nodes, enclosure, stack):  # type: ignore[no-untyped-def]
+    """h(x, y, z), or `low` if it is less, between a value that is attained and an upper bound; and the nodes visited.
+
+    `high` is an upper bound that is known.
+    """
     anchor = enclosure.anchor
-    for k in range(4):
-        stack[0, k] = 0.0
-    stack[0, 1 + axis] = sign
-    stack[0, 4] = sign * enclosure.box[1 if sign > 0.0 else 0, axis]
-    best = sign * enclosure.attained[1 if sign > 0.0 else 0, axis]
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3], stack[0, 4] = 0.0, x, y, z, high
+    best = low
     height = 1
     nodes = 0
     cut = best
@@ -102,6 +146,12 @@ def _support(maps, n_maps, axis, sign, tolerance, max_nodes, enclosure, stack): 
     for place in range(height):
         cut = max(cut, stack[place, 4])
     return best, max(cut, best), nodes
+
+
+@kernel
+def _along(axis, sign):  # type: ignore[no-untyped-def]
+    """The unit vector along an axis, or against it."""
+    return sign if axis == 0 else 0.0, sign if axis == 1 else 0.0, sign if axis == 2 else 0.0
 
 
 @kernel

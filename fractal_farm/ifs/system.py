@@ -16,12 +16,14 @@ import numpy.typing as npt
 from fractal_farm.ifs.genome import MAX_MAPS, Phenotype, Refusal
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.linear_algebra import determinant, largest_singular_value
+from fractal_farm.ifs.symmetry import MAX_COPIES
 
 # Constants of a 32-bit mixer of low bias (Wellons' hash prospecting), shared with the random iteration.
 FIRST_SHIFT = np.uint32(16)
 NEXT_SHIFT = np.uint32(15)
 FIRST_FACTOR = np.uint32(0x21F0AAAD)
 NEXT_FACTOR = np.uint32(0x735A2D97)
+INCREMENT = np.uint32(0x9E3779B9)  # 2^32 over the golden ratio: a counter visits all words
 _FIRST_SEED = np.uint32(0x8F1BBCDC)
 _SECOND_SEED = np.uint32(0xCA62C1D6)
 _WORDS = 2.0**32  # number of 32-bit words
@@ -43,6 +45,9 @@ class System(NamedTuple):
         thresholds: (MAX_MAPS,) uint32, cumulative probabilities times 2^32; the last one is never consulted.
         start: (3,) float64, the fixed point of the most probable map: a point of the attractor.
         keys: (2,) uint32, content hash of the genome.
+        copies: (MAX_COPIES, 12) float64, isometries that make the shape out of the attractor, the identity first; see
+            `copies.place_copies`.
+        n_copies: (1,) int64, how many of them count.
     """
 
     rows: npt.NDArray[np.float64]
@@ -53,6 +58,8 @@ class System(NamedTuple):
     thresholds: npt.NDArray[np.uint32]
     start: npt.NDArray[np.float64]
     keys: npt.NDArray[np.uint32]
+    copies: npt.NDArray[np.float64]
+    n_copies: npt.NDArray[np.int64]
 
 
 class Reading(NamedTuple):
@@ -77,6 +84,8 @@ def reading_of(phenotype: Phenotype) -> Reading:
 def new_system() -> System:
     """An empty working space."""
     rows = np.zeros((MAX_MAPS, 12))
+    copies = np.zeros((MAX_COPIES, 12))
+    copies[0, [0, 5, 10]] = 1.0
     return System(
         rows,
         rows.view(np.uint32),
@@ -86,6 +95,8 @@ def new_system() -> System:
         np.zeros(MAX_MAPS, np.uint32),
         np.zeros(3),
         np.zeros(2, np.uint32),
+        copies,
+        np.ones(1, np.int64),
     )
 
 

@@ -1,4 +1,4 @@
-"""Points to draw a design from: a cover of the whole attractor, as even as its pieces allow.
+"""Points to draw a design from: a cover of the whole attractor and its copies, as even as its pieces allow.
 
 Random iteration visits thin parts too rarely: of a fern with rho = 0.98 it shows the root. A cut set of the address
 tree shows all of it with as few points. Where maps overlap heavily, and a cut set of that size is coarse, random
@@ -12,9 +12,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from fractal_farm.ifs.copies import copied
 from fractal_farm.ifs.cover import cut_set_of, enclosure_of
 from fractal_farm.ifs.genome import Genome
-from fractal_farm.ifs.random_iteration import attractor_points
+from fractal_farm.ifs.random_iteration import attractor_points, system_of
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
 
 _ENOUGH = 0.6
@@ -23,7 +24,7 @@ _CROWDED = 2.5
 
 
 def display_points(genome: Genome, n_points: int) -> tuple[npt.NDArray[np.float64], float | None]:
-    """Some n_points points of a valid genome's attractor, and the radius to draw them at, if one fits all.
+    """Some n_points points of a valid genome's shape, and the radius to draw them at, if one fits all.
 
     Returns:
         (m, 3) float64, m between 0.6 and 2 times n_points, IFS units; and the radius or None.
@@ -31,17 +32,18 @@ def display_points(genome: Genome, n_points: int) -> tuple[npt.NDArray[np.float6
     dimension = similarity_dimension(genome)
     crowded = dimension > _CROWDED
     wanted = n_points // 2 if crowded else n_points
-    cover = _even_cover(genome, dimension, wanted)
+    system = system_of(genome)
+    cover = _even_cover(genome, dimension, max(1, wanted // int(system.n_copies[0])))
     if cover is None:
         return attractor_points(genome, n_points, "display"), None
-    points, radius = cover
+    points, radius = copied(cover[0], system), cover[1]
     if not crowded:
         return points, 0.5 * radius
     return np.concatenate([points, attractor_points(genome, n_points - wanted, "display")]), None
 
 
 def _even_cover(genome: Genome, dimension: float, n_points: int) -> tuple[npt.NDArray[np.float64], float] | None:
-    """A cut set of about n_points words and its radius; None if the count cannot be met."""
+    """A cut set of the attractor of about n_points words and its radius; None if the count cannot be met."""
     enclosure = enclosure_of(genome, 1e-2, 0.0)
     logarithm = -math.log(n_points) / dimension
     for _ in range(_TRIALS):

@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.cell_search import cells_of, search_cells
-from fractal_farm.ifs.cover import cut_set_of, enclosure_of
+from fractal_farm.ifs.copies import copied
+from fractal_farm.ifs.cover import cut_set_of, enclosure_of, union_of
 from fractal_farm.ifs.enclosure import Enclosure
 from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.kernel import kernel
@@ -74,14 +75,15 @@ def estimate_solid(genome: Genome, gap: float, parameters: SolidParameters = STA
     name = genome.design_id[:8]
     plan = plan_solid(gap, parameters, name)
     enclosure = enclosure_of(genome, _BOX_TOLERANCE, 0.0)
-    side = float(longest_side(enclosure.attained))
+    box, attained = union_of(genome, enclosure, _BOX_TOLERANCE, 0.0)
+    side = float(longest_side(attained))
     if not side > 0.0:
         raise InputError(f"design {name} is a single point; all its maps have the same fixed point")
     scale = plan.attractor_mm / side
     points, voxel = _covering(genome, enclosure, plan.radius_mm / scale)
     radius = plan.radius_mm / (voxel * scale) + _LOST
-    count = _voxels_within(points, enclosure.box[0], enclosure.box[1], voxel, radius)
-    sides = np.sort(enclosure.attained[1] - enclosure.attained[0])[::-1] * scale + 2.0 * plan.radius_mm
+    count = _voxels_within(copied(points, system_of(genome)), box[0], box[1], voxel, radius)
+    sides = np.sort(attained[1] - attained[0])[::-1] * scale + 2.0 * plan.radius_mm
     return SolidEstimate(count * (voxel * scale) ** 3, tuple(sides.tolist()))
 
 

@@ -1,8 +1,8 @@
 """Genome -> printable solid (DESIGN section 6): the order of things.
 
-Gap and box from the address tree; scale and wall from them; a cover of the attractor at half a voxel; the distance
-field of the balls about it; one body without cavities; marching cubes and simplification; the last fraction of a voxel
-of the size by scaling. Never from the fitness cloud.
+Gap and box from the address tree; scale and wall from them; a cover of the attractor and its copies at half a voxel;
+the distance field of the balls about it; one body without cavities; marching cubes and simplification; the last
+fraction of a voxel of the size by scaling. Never from the fitness cloud.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ import numpy.typing as npt
 import trimesh
 
 from fractal_farm.errors import FarmError, InputError
+from fractal_farm.ifs.copies import copied, joints
 from fractal_farm.ifs.enclosure import Enclosure
 from fractal_farm.ifs.gap import measure_gap
 from fractal_farm.ifs.genome import Genome, as_genome
+from fractal_farm.ifs.random_iteration import system_of
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
 from fractal_farm.ifs.support import longest_side
 from fractal_farm.solid.body import BodyReport, make_one_body
@@ -30,7 +32,7 @@ from fractal_farm.solid.skeleton import (
     contact_points,
     covering_points,
     extreme_points,
-    settle_box,
+    settled_box,
 )
 from fractal_farm.solid.surface import Surface, surface_of
 from fractal_farm.solid.voxels import Grid, Skeleton, distance_field, grid_around
@@ -50,7 +52,7 @@ def solidify(
     resolution: int | None = None,
     thicken: bool = True,
 ) -> trimesh.Trimesh:
-    """A solid of known wall from the attractor of a genome.
+    """A solid of known wall from the attractor of a genome and its copies.
 
     Args:
         genome: a `Genome` or an (N, 7) array.
@@ -76,13 +78,13 @@ def make_solid(genome: Genome, parameters: SolidParameters) -> trimesh.Trimesh:
     """`solidify` for a valid genome and parameters."""
     name = genome.design_id[:8]
     gap, contacts, enclosure = measure_gap(genome)
-    settle_box(genome, enclosure)
-    side = float(longest_side(enclosure.attained))
+    box, attained = settled_box(genome, enclosure)
+    side = float(longest_side(attained))
     if not side > 0.0:
         raise InputError(f"design {name} is a single point; all its maps have the same fixed point")
     plan = plan_solid(gap, parameters, name)
     scale = plan.attractor_mm / side
-    grid = grid_around(enclosure.box * scale, plan.radius_mm, parameters.voxel_mm)
+    grid = grid_around(box * scale, plan.radius_mm, parameters.voxel_mm)
     _check_memory(grid, parameters, name)
     points, method = _points(genome, contacts, enclosure, scale, grid)
     field = distance_field(points, grid)
@@ -104,16 +106,17 @@ def _points(
     genome: Genome, contacts: FloatArray, enclosure: Enclosure, scale: float, grid: Grid
 ) -> tuple[Skeleton, str]:
     """What the balls are about, in mm, and the method that covered the attractor."""
+    system = system_of(genome)
     covering = covering_points(genome, enclosure, grid.spacing / scale)
     if covering is None:
         raise FarmError(
             f"design {genome.design_id[:8]} needs more than {MAX_CELL_POINTS} points at a voxel of "
             f"{grid.spacing:.3g} mm; lower the resolution"
         )
-    points, method = covering
+    points, method = copied(covering[0], system), covering[1]
     risky = max(2.0 * grid.radius - 4.0 * grid.cell, 0.5) * grid.spacing / scale
-    ends = contact_points(genome, contacts, enclosure, risky)
-    fixed = np.concatenate([extreme_points(points), ends])
+    ends = copied(contact_points(genome, contacts, enclosure, risky), system)
+    fixed = np.concatenate([extreme_points(points), ends, joints(system, genome.n_maps)])
     return Skeleton(points * scale, fixed * scale), method
 
 
@@ -142,6 +145,7 @@ def _metadata(
         "genome": genome.genes.tolist(),
         "phenotype": asdict(genome.phenotype),
         "probabilities": None if genome.probabilities is None else list(genome.probabilities),
+        "symmetry": genome.symmetry,
         "parameters": asdict(parameters),
         "parameters_hash": parameters.hash,
         "pipeline": PIPELINE_VERSION,

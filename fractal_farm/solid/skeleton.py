@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from fractal_farm.errors import FarmError
 from fractal_farm.ifs.cell_search import cells_of, search_cells
-from fractal_farm.ifs.cover import MAX_BOX_NODES, cut_set_of
+from fractal_farm.ifs.cover import MAX_BOX_NODES, cut_set_of, union_of
 from fractal_farm.ifs.enclosure import Enclosure, compose, distance, image, make_identity
 from fractal_farm.ifs.gap import BOX_TOLERANCE
 from fractal_farm.ifs.genome import Genome
@@ -32,10 +32,11 @@ _MAX_SETTLING_POINTS = 1_000_000
 FloatArray = npt.NDArray[np.float64]
 
 
-def settle_box(genome: Genome, enclosure: Enclosure) -> None:
-    """Where branch and bound could not bring the boxes of an enclosure together, take them from a search over cells.
+def settled_box(genome: Genome, enclosure: Enclosure) -> tuple[FloatArray, FloatArray]:
+    """Two boxes (2, 3) of the shape: that holds it, and that it reaches on all six sides; those of `enclosure` settle.
 
-    That happens to maps that overlap many times over (similarity dimension above 5); the box is then as good as the
+    Where branch and bound could not bring the boxes of the enclosure together, they come from a search over cells. That
+    happens to maps that overlap many times over (similarity dimension above 5); the box is then as good as the
     search, which no proof bounds closely but which finds clouds of that kind without holes.
 
     Raises:
@@ -47,7 +48,7 @@ def settle_box(genome: Genome, enclosure: Enclosure) -> None:
     for _ in range(_SETTLING_ROUNDS):
         side = longest_side(enclosure.attained)
         if np.abs(enclosure.box - enclosure.attained).max() <= _SETTLED * side:
-            return
+            break
         spacing = side / _SETTLING_CELLS
         points = search_cells(cells, enclosure, spacing, _MAX_SETTLING_POINTS)
         if points is None:
@@ -56,11 +57,13 @@ def settle_box(genome: Genome, enclosure: Enclosure) -> None:
         enclosure.attained[1] = np.maximum(enclosure.attained[1], points.max(axis=0))
         enclosure.box[0] = np.maximum(enclosure.box[0], enclosure.attained[0] - spacing)
         enclosure.box[1] = np.minimum(enclosure.box[1], enclosure.attained[1] + spacing)
-    if np.abs(enclosure.box - enclosure.attained).max() > 4.0 * _SETTLED * longest_side(enclosure.attained):
+    box, attained = union_of(genome, enclosure, BOX_TOLERANCE, 0.0)
+    if np.abs(box - attained).max() > 4.0 * _SETTLED * longest_side(attained):
         raise FarmError(
             f"design {genome.design_id[:8]} is a cloud without a definite outline, its maps overlap too heavily "
             f"(similarity dimension {similarity_dimension(genome):.1f}); choose one below 5"
         )
+    return box, attained
 
 
 def covering_points(genome: Genome, enclosure: Enclosure, voxel: float) -> tuple[FloatArray, str] | None:

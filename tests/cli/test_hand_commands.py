@@ -152,3 +152,49 @@ def test_a_preference_is_told_and_ranks(capsys: pytest.CaptureFixture[str], dire
     ranked = result(capsys, "list", directory, "--sort", "preference")
     assert [row["preference"] for row in ranked] == sorted((row["preference"] for row in ranked), reverse=True)
     assert result(capsys, "list", directory, "--where", "preference > 4", "--limit", 1)
+
+
+def test_a_symmetric_child_of_a_design_is_kept_shown_found_compared_and_reproduced(
+    capsys: pytest.CaptureFixture[str], directory: Path, ids: list[str]
+) -> None:
+    assert "symmetry" not in output(capsys, "list", directory)
+    (row,) = result(capsys, "keep", directory, ids[0][:8], "--symmetry", "rotation:6")
+    assert (row["symmetry"], row["operator"], row["parents"]) == ("rotation:6", "symmetry", [ids[0]])
+    child = row["design_id"]
+    assert "rotation:6" in output(capsys, "show", directory, child)
+    assert "rotation:6" in output(capsys, "list", directory)
+    assert "rotation:6" in output(capsys, "lineage", directory, child)
+    assert "rotation:6 and none" in output(capsys, "diff", directory, child, ids[0])
+    found = result(capsys, "list", directory, "--where", "symmetry == 'rotation:6'")
+    assert [entry["design_id"] for entry in found] == [child]
+    assert main(["reproduce", str(directory), child]) == 0
+    capsys.readouterr()
+    assert main(["keep", str(directory), ids[0], "--symmetry", "rotation:1"]) == 2
+    assert "--symmetry: symmetry is 'rotation:1'; allowed: none, rotation:2" in capsys.readouterr().err
+
+
+def test_a_genome_file_may_ask_for_a_symmetry(
+    capsys: pytest.CaptureFixture[str], directory: Path, ids: list[str], tmp_path: Path
+) -> None:
+    genes = result(capsys, "show", directory, ids[0])["genes"]
+    path = tmp_path / "symmetric.yaml"
+    path.write_text(json.dumps({"genomes": {"star": {"genes": genes, "symmetry": "dihedral:5"}, "plain": genes}}))
+    assert [entry["symmetry"] for entry in result(capsys, "score", path)] == ["dihedral:5", "none"]
+    path.write_text(json.dumps({"genomes": {"star": {"genes": genes, "symmetry": "spiral"}}}))
+    assert main(["score", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert "genome star: symmetry is 'spiral'; allowed: none" in error
+    assert error.count("\n") == 1
+
+
+def test_designs_bred_from_a_symmetric_one_are_symmetric(
+    capsys: pytest.CaptureFixture[str], directory: Path, ids: list[str], tmp_path: Path
+) -> None:
+    (row,) = result(capsys, "keep", directory, ids[0], "--symmetry", "mirror")
+    bred = tmp_path / "bred"
+    arguments = ["breed", str(directory), row["design_id"], "--out", str(bred), "--executor", "serial"]
+    assert main([*arguments, "--set", "evolution.islands=1", "--set", "evolution.offspring=64"]) == 0
+    capsys.readouterr()
+    children = result(capsys, "list", bred)
+    assert len(children) > 1
+    assert {child["symmetry"] for child in children} == {"mirror"}

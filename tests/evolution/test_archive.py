@@ -121,7 +121,7 @@ def evolve(epochs, batch=None, config=NICHES):
         parts = []
         for start in range(0, len(candidates.n_maps), batch):
             cut = slice(start, start + batch)
-            part = candidates._replace(genes=candidates.genes[cut], n_maps=candidates.n_maps[cut])
+            part = candidates.part(cut)
             parts.append(evaluate_candidates(part, config))
         return Scores(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 

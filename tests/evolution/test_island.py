@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fractal_farm.config import EvolutionConfig
-from fractal_farm.evolution.designs import Operator, total_order
+from fractal_farm.evolution.designs import Operator, design_dtype, total_order
 from fractal_farm.evolution.epoch import Candidates, IslandState, Scores, founding_state, library_after
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.ifs.genome import Genome
@@ -213,3 +213,13 @@ def test_an_island_without_founders_takes_in_what_arrives():
     _, records = evolve(SMALL, 1, island=1)
     record = drive(advance(founded, [(1, records[0].born[:3])], config, 0, 1), landscape)
     assert record.settled >= 1
+
+
+def test_rows_of_records_from_before_there_were_symmetries_are_rows_without_one():
+    dtype = design_dtype(3, 7)
+    before = np.dtype([(name, "<i8") if name == "n_maps" else (name, dtype[name]) for name in dtype.names[:3]])
+    row = np.zeros(1, before)
+    row["n_maps"] = 3
+    now = np.frombuffer(row.tobytes(), np.dtype([(name, dtype[name]) for name in dtype.names[:4]]))
+    assert dtype.names[2:4] == ("n_maps", "symmetry")
+    assert (now["n_maps"][0], now["symmetry"][0]) == (3, 0)

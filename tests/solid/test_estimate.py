@@ -49,6 +49,14 @@ def test_volume_and_sides_are_those_of_the_mesh(rows, parameters):
     assert found.sides_mm == pytest.approx(sorted(mesh.extents, reverse=True), rel=0.04, abs=0.1)
 
 
+@pytest.mark.parametrize("symmetry", ["rotation:3", "mirror", "helix:4"])
+def test_copies_count(symmetry):
+    genome = Genome(np.array(TABLE1["06582"]), symmetry=symmetry)
+    found, mesh = estimate_solid(genome, gap(genome)), make_solid(genome, STANDARD)
+    assert found.volume_mm3 == pytest.approx(mesh.volume, rel=0.15)
+    assert found.sides_mm == pytest.approx(sorted(mesh.extents, reverse=True), rel=0.04, abs=0.1)
+
+
 def test_columns_are_of_the_standard_solid_and_empty_where_nothing_is_asked():
     genome = Genome(TETRAHEDRON)
     found = estimate_solid(genome, 0.0)

@@ -2,10 +2,13 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial import cKDTree
 
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.gap import gap
 from fractal_farm.ifs.genome import Genome
+from fractal_farm.ifs.random_iteration import system_of
 from fractal_farm.solid import solidify
 from fractal_farm.solid.certificate import certificate
 from tests.ifs.attractors import (
@@ -101,3 +104,20 @@ def test_the_same_genome_gives_the_same_mesh_in_any_order_of_its_rows():
     one, other = solidify(TABLE1["06447"], resolution=120), solidify(TABLE1["06447"][::-1], resolution=120)
     np.testing.assert_array_equal(one.vertices, other.vertices)
     np.testing.assert_array_equal(one.faces, other.faces)
+
+
+@pytest.mark.parametrize("symmetry", ["rotation:5", "mirror", "dihedral:3", "helix:4"])
+def test_a_symmetric_solid_is_one_body_of_the_size_asked_for_and_moved_onto_itself_by_its_symmetry(symmetry):
+    genome = Genome(np.array(TABLE1["06425"]), symmetry=symmetry)
+    mesh = solidify(genome, 30.0, 1.2, resolution=96)
+    assert mesh.is_watertight
+    assert mesh.body_count == 1
+    assert mesh.extents.max() == pytest.approx(30.0)
+    assert mesh.metadata["symmetry"] == symmetry
+    if symmetry.startswith("helix"):
+        return
+    system, surface = system_of(genome), cKDTree(trimesh.sample.sample_surface(mesh, 100_000, seed=1)[0])
+    for copy in system.copies[: system.n_copies[0]].reshape(-1, 3, 4):
+        # Centred on its mass, which every isometry of the shape keeps where it is.
+        moved = (mesh.vertices - mesh.center_mass) @ copy[:, :3].T + mesh.center_mass
+        assert surface.query(moved)[0].max() < 2.0 * mesh.metadata["voxel_mm"]
