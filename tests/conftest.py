@@ -1,4 +1,4 @@
-"""What all tests share: one local Ray cluster of two cores, how they spread over processes, calm hypothesis settings."""
+"""What all tests share: one local Ray cluster, how they spread over two processes, calm hypothesis settings."""
 
 from __future__ import annotations
 
