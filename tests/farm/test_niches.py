@@ -73,6 +73,7 @@ def test_a_run_ends_at_the_epoch_that_reaches_the_distinct_designs_asked_for(who
 
 
 @pytest.mark.ray
+@pytest.mark.slow
 def test_ray_finds_what_the_serial_executor_finds(whole, tmp_path, ray_cluster):
     config = niches("execution.batch_size=7")
     assert farm.submit(config, tmp_path / "run").ended.digest == whole[0].ended.digest

@@ -69,6 +69,7 @@ def test_killed_islands_are_started_again_from_what_the_run_knows(ray_cluster, t
     assert summary.ended.digest == digest
 
 
+@pytest.mark.slow
 def test_killed_evaluations_are_done_again(ray_cluster, tmp_path):
     # Bigger clouds, so that evaluations are under way when the blow falls.
     config = small_config("evolution.phenotype.points=20000", "stop.epochs=3")
@@ -113,6 +114,7 @@ def test_solids_are_made_while_evolution_goes_on(ray_cluster, tmp_path):
     assert len(Catalogue.open(tmp_path / "run").solids()) == summary.ended.meshes
 
 
+@pytest.mark.slow
 def test_a_writer_killed_among_solids_costs_none_of_them(ray_cluster, tmp_path):
     class Blow(Callback):
         fallen = 0
@@ -142,6 +144,7 @@ def test_an_error_of_the_writer_reaches_the_user_as_one_line(ray_cluster, tmp_pa
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_another_process_joins_the_cluster_by_its_address(ray_cluster, tmp_path, digest):
     import ray
 
@@ -194,7 +197,7 @@ def _child(path, executor):
     pytest.fail("the run ended before its first part")
 
 
-@pytest.mark.parametrize("executor", ["serial", "ray"])
+@pytest.mark.parametrize("executor", ["serial", pytest.param("ray", marks=pytest.mark.slow)])
 def test_a_run_whose_driver_is_killed_ends_with_the_same_digest(tmp_path, ray_cluster, digest, executor):
     path = tmp_path / "run"
     process = _child(path, executor)
@@ -210,7 +213,7 @@ def test_a_run_whose_driver_is_killed_ends_with_the_same_digest(tmp_path, ray_cl
     assert summary.ended.digest == digest
 
 
-@pytest.mark.parametrize("executor", ["serial", "ray"])
+@pytest.mark.parametrize("executor", ["serial", pytest.param("ray", marks=pytest.mark.slow)])
 def test_ctrl_c_ends_a_run_cleanly_at_a_whole_epoch(tmp_path, executor):
     path = tmp_path / "run"
     process = _child(path, executor)
