@@ -53,7 +53,7 @@ class Archive:
         self.library = library.copy()
         self._config = config
         self._elsewhere = np.zeros((0, LENGTH))
-        self._shapes = DistinctSet(signatures_of(library))
+        self._shapes = self._known()
 
     def hear(self, elsewhere: FloatArray) -> None:
         """Turn away, from now on, what is like one of these (n, 6) signatures of shapes found elsewhere."""
@@ -70,11 +70,11 @@ class Archive:
             Indices of those that entered, which are the last members now, in this order; and (index, member) of
             near-duplicates of earlier members that do not print.
         """
-        members, others = len(self.library), len(self._elsewhere)
+        members = len(self.library)
         nearest, entered = self._shapes.sift(signatures_of(offered))
         self.library = np.concatenate([self.library, offered[entered]])
         rivals = []
-        for index, member in enumerate(number - others for number in nearest):
+        for index, member in enumerate(map(self._member, nearest)):
             if member >= 0 and not entered[index]:
                 self.library["hits"][member] += 1
                 if member < members and not self.library["gap"][member] <= self._config.niches.gap:
@@ -106,4 +106,13 @@ class Archive:
             self._shapes = self._known()
 
     def _known(self) -> DistinctSet:
-        return DistinctSet(np.concatenate([self._elsewhere, signatures_of(self.library)]))
+        """Members first: of a migrant and the news of it, the migrant counts the hits."""
+        self._settled = len(self.library)
+        return DistinctSet(np.concatenate([signatures_of(self.library), self._elsewhere]))
+
+    def _member(self, number: int) -> int:
+        """The member that is a number of the set of shapes; -1 if it is none."""
+        if number < self._settled:
+            return number
+        later = number - len(self._elsewhere)
+        return later if later >= self._settled else -1

@@ -74,6 +74,14 @@ def test_what_is_like_a_shape_found_elsewhere_neither_enters_nor_is_a_hit():
     assert archive.library["hits"].tolist() == [1, 1]
 
 
+def test_a_migrant_counts_its_hits_though_there_is_news_of_it():
+    archive = Archive(rows_at([[0] * 6, [9] * 6]), NICHES)
+    archive.hear(signatures_of(rows_at([[9] * 6, [30] * 6])))
+    entered, rivals = archive.sift(rows_at([[9.1] * 6, [20] * 6, [20.1] * 6, [30] * 6], first_slot=2))
+    assert (entered, rivals) == ([1], [(0, 1)])
+    assert archive.library["hits"].tolist() == [0, 1, 1]
+
+
 def test_a_near_duplicate_with_a_smaller_gap_takes_the_place_of_a_member_that_does_not_print():
     wide, printable = 0.2, 0.01
     archive = Archive(np.concatenate([rows_at([[0] * 6], wide), rows_at([[5] * 6], printable, first_slot=1)]), NICHES)
