@@ -273,7 +273,9 @@ class CatalogueConfig(Section):
     durability: Literal["full", "process"] = Field(
         "full", description="full: survives a power cut; process: survives a killed process"
     )
-    min_free_gb: float = Field(2.0, ge=0, le=1e6, description="nothing new begins while less disk than this is free")
+    min_free_gb: float = Field(
+        2.0, ge=0, le=1e6, description="nothing new begins while less disk than this is free; 0: fill it"
+    )
     mirror: Annotated[str, Field(pattern=f"^{MIRROR_URL}$")] | None = Field(
         None,
         description="where a copy of the catalogue grows along, in an object store; null: nowhere",

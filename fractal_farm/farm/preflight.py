@@ -30,6 +30,7 @@ _MOST_EVALUATIONS_A_CORE = 2500.0
 # Of n candidates at most 7 n^0.75 are distinct. On one island 4,440 of 7,574 and 9,887 of 20,380 were; more islands,
 # which do not know of each other, find fewer: 6,170 of 22,770, 13,000 of 140,000.
 _DISTINCT, _EXPONENT = 7.0, 0.75
+_MINUTES = 0.1  # share of the first hour's bound within which a run that begins must find room
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,9 @@ class DiskNeed:
 
 
 def check_disk(config: RunConfig, out: Path, written: int = 0) -> None:
-    """Refuse a run whose first hour, or what is left of it if that is less, does not fit the disk.
+    """Refuse a run that may fill the disk within minutes, unless it is told to fill it (`min_free_gb` 0).
+
+    What is foreseen is a bound, and a run waits at `min_free_gb` anyway: one that lasts for a while may begin.
 
     Raises:
         InputError: too little space, naming what is needed and what would fit.
@@ -57,11 +60,13 @@ def check_disk(config: RunConfig, out: Path, written: int = 0) -> None:
     free = shutil.disk_usage(place).free / 1e9
     kept = config.catalogue.min_free_gb
     need = disk_need(config)
-    needed = need.first_hour if need.whole is None else min(need.first_hour, max(0.0, need.whole - written))
-    if free < kept + needed / 1e9:
+    needed = need.first_hour * _MINUTES
+    if need.whole is not None:
+        needed = min(needed, max(0.0, need.whole - written))
+    if kept > 0.0 and free < kept + needed / 1e9:
         raise InputError(
-            f"catalogue.min_free_gb {kept:g}: {place} has {free:.1f} GB free, and this run needs up to "
-            f"{needed / 1e9:.1f} GB beyond that in its first hour; free some space, choose another --out, or lower "
+            f"catalogue.min_free_gb {kept:g}: {place} has {free:.1f} GB free, and this run may write "
+            f"{needed / 1e9:.1f} GB beyond that in minutes; free some space, choose another --out, or lower "
             "stop or solids.max"
         )
 
