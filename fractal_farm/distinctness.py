@@ -113,10 +113,12 @@ class DistinctSet:
 
     def near(self, marks: FloatArray) -> npt.NDArray[np.bool_]:
         """Which of (n, 6) signatures are like a member; none that is not a number is."""
+        if len(self._marks) > self._in_tree:
+            self._plant()
         found = np.zeros(len(marks), bool)
-        for index, members in enumerate(self._narrowed(marks)):
-            around = self._marks[members], self._marks[self._in_tree :]
-            found[index] = any((squared_distances(marks[index], known) < DISTINCT * DISTINCT).any() for known in around)
+        sound = np.flatnonzero(np.isfinite(marks).all(axis=1))
+        if self._tree is not None:
+            found[sound] = _near_any(self._tree, self._marks, marks[sound], workers=1)
         return found
 
     def _plant(self) -> None:
@@ -168,9 +170,9 @@ def first_of_each_shape(marks: FloatArray) -> npt.NDArray[np.bool_]:
     return entered
 
 
-def _near_any(tree: Any, members: FloatArray, marks: FloatArray) -> npt.NDArray[np.bool_]:
+def _near_any(tree: Any, members: FloatArray, marks: FloatArray, workers: int = -1) -> npt.NDArray[np.bool_]:
     """Which signatures are nearer than `DISTINCT` to a member; plain sums say where the tree's arithmetic may err."""
-    distance, _ = tree.query(marks, distance_upper_bound=DISTINCT * _SLACK, workers=-1)
+    distance, _ = tree.query(marks, distance_upper_bound=DISTINCT * _SLACK, workers=workers)
     near = distance < DISTINCT / _SLACK
     for index in np.flatnonzero(~near & np.isfinite(distance)):
         around = tree.query_ball_point(marks[index], DISTINCT * _SLACK)

@@ -1,7 +1,8 @@
 """What the farm costs: a real run on Ray with its storage, against loops that do the same work without either.
 
 The loops are one process for each core; each takes its share of the islands through the same epochs (evaluation and
-method, no migration, nothing written). The first epochs are left out on both sides: they found the libraries.
+method, no migration, nothing written). They hear what the islands of the run heard, which decides how much there is to
+do. The first epochs are left out on both sides: they found the libraries.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import multiprocessing
 import os
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,12 @@ import numpy as np
 from fractal_farm import farm
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import FarmError
-from fractal_farm.evolution.designs import SCORE_FIELDS
-from fractal_farm.evolution.epoch import Candidates, Scores, founding_state, state_after
+from fractal_farm.evolution.designs import SCORE_FIELDS, Designs
+from fractal_farm.evolution.epoch import ELSEWHERE, Candidates, Scores, founding_state, state_after
+from fractal_farm.evolution.hearsay import Hearsay
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.events import Callback, EpochCompleted, Event
+from fractal_farm.farm.restore import restore
 from fractal_farm.farm.work import evaluate_candidates
 
 FIRST, LAST = 1, 5  # epochs: what lies between is measured
@@ -62,8 +65,11 @@ def measure_efficiency() -> Efficiency:
     watch = _Watch()
     with tempfile.TemporaryDirectory(prefix="farm-bench-") as place:
         farm.submit(config, Path(place) / "run", callbacks=[watch])
+        hearsay = restore(config, Path(place) / "run")[0].hearsay
+        assert hearsay is not None
+        heard = hearsay.until(LAST)
     (began, before), (ended, after) = watch.epochs[FIRST], watch.epochs[LAST]
-    loops, kernel = _loops(config.evolution, len(os.sched_getaffinity(0)))
+    loops, kernel = _loops(config.evolution, heard, len(os.sched_getaffinity(0)))
     return Efficiency((after - before) / (ended - began), loops, kernel, ended - began)
 
 
@@ -78,12 +84,12 @@ class _Watch(Callback):
             self.epochs[event.epoch] = (time.monotonic(), event.progress.evaluated)
 
 
-def _loops(config: EvolutionConfig, cores: int) -> tuple[float, float]:
+def _loops(config: EvolutionConfig, heard: Designs, cores: int) -> tuple[float, float]:
     """Candidates a second of all loops together, and of the evaluations within them."""
     context = multiprocessing.get_context("spawn")
     start, results = context.Barrier(cores), context.Queue()
     shares = [list(range(core, config.islands, cores)) for core in range(cores)]
-    processes = [context.Process(target=_loop, args=(config, share, start, results)) for share in shares]
+    processes = [context.Process(target=_loop, args=(config, heard, share, start, results)) for share in shares]
     for process in processes:
         process.start()
     found: list[tuple[float, float]] = [results.get(timeout=_PATIENCE_SECONDS) for _ in processes]
@@ -95,7 +101,7 @@ def _loops(config: EvolutionConfig, cores: int) -> tuple[float, float]:
     return sum(looped), sum(evaluated)
 
 
-def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any) -> None:
+def _loop(config: EvolutionConfig, heard: Designs, islands: list[int], start: Any, results: Any) -> None:
     """Take some islands through all epochs; send scored candidates a second, of the loop and of evaluations alone."""
     scored: list[Candidates] = []
 
@@ -106,7 +112,8 @@ def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any)
             scored.append(candidates.part(known)._replace(wanted="scores"))
         return scores
 
-    states = {island: founding_state(config) for island in islands}
+    hearsay = Hearsay(heard)
+    states = {island: replace(founding_state(config), elsewhere=heard[:0]) for island in islands}
     began = 0.0
     for epoch in range(LAST + 1):
         if epoch == FIRST + 1:
@@ -114,8 +121,10 @@ def _loop(config: EvolutionConfig, islands: list[int], start: Any, results: Any)
             scored.clear()
             began = time.perf_counter()
         for island, state in states.items():
-            record = drive(advance(state, [], config, island, epoch), evaluate)
-            states[island] = state_after(state, record, [])
+            news = epoch - config.migration.lag - 1
+            inbox = [(ELSEWHERE, hearsay.elsewhere(island, news, news))]
+            record = drive(advance(state, inbox, config, island, epoch), evaluate)
+            states[island] = state_after(state, record, inbox)
     looped = time.perf_counter()
     for candidates in scored:
         evaluate_candidates(candidates, config)

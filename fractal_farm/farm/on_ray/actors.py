@@ -61,6 +61,9 @@ class Island:
         set_aside: list[SetAside] = []
 
         def scores_of(candidates: Candidates) -> Scores:
+            if candidates.wanted == "foreseen":
+                # Closed forms of a thousand genomes take less time than sending them.
+                return self._evaluate(candidates, self._config)
             batches = split(candidates, self._batch_size)
             scores, verdicts = evaluate_with_care(batches, self._evaluate_all, self._try_alone, self._config)
             set_aside.extend(verdicts)
