@@ -21,7 +21,7 @@ def bench(
         bool, typer.Option("--accuracy", help="Measure errors on known fractals instead (minutes).")
     ] = False,
     farm: Annotated[
-        bool, typer.Option("--farm", help="Measure a run on Ray against plain loops instead (a minute or two).")
+        bool, typer.Option("--farm", help="Measure a run on Ray against plain loops instead (two minutes).")
     ] = False,
     output: Output = None,
     as_json: AsJson = False,
