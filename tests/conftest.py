@@ -1,4 +1,4 @@
-"""What all tests share: one local Ray cluster, how they spread over two processes, calm hypothesis settings."""
+"""What all tests share: one local Ray cluster of two cores for each process, and calm hypothesis settings."""
 
 from __future__ import annotations
 
@@ -14,13 +14,6 @@ settings.register_profile(
     "farm", deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow], derandomize=True
 )
 settings.load_profile("farm")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of two processes one runs whatever needs the Ray cluster; other files stay whole, with their fixtures."""
-    on_ray = {item.path for item in items if item.get_closest_marker("ray")}
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group("ray" if item.path in on_ray else str(item.path)))
 
 
 @pytest.fixture(scope="session")

@@ -21,6 +21,16 @@ from fractal_farm.ifs.random_iteration import attractor_points
 from fractal_farm.ifs.similarity_dimension import similarity_dimension
 
 
+def test_near_says_what_distances_say():
+    generator = np.random.default_rng(4)
+    members, marks = generator.normal(size=(2, 400, 6)) * 0.9
+    marks[0], marks[1] = members[0], np.nan
+    expected = [bool((np.linalg.norm(members - mark, axis=1) < DISTINCT).any()) for mark in marks]
+    assert 50 < sum(expected) < 350
+    assert DistinctSet(members).near(marks).tolist() == expected
+    assert not DistinctSet(members[:0]).near(marks).any()
+
+
 def mark(points):
     d0, d2 = measured(points)[:2]
     return signatures(shape_descriptor(points)[None], [d0], [d2])[0]

@@ -21,8 +21,8 @@ _GAP = SCORE_FIELDS.index("gap")
 class WorkingSpace:
     """The working space of one epoch.
 
-    With niches the archive holds the library, and what is foreseen of known shapes is beside it; `chosen` are parents
-    besides.
+    With niches the archive holds the library, and `foreseen` what known shapes were expected to be. `chosen` are more
+    parents.
     """
 
     library: Designs

@@ -1,5 +1,8 @@
 """A run merges its small parts while it goes on; what it writes stays below what was foretold."""
 
+import contextlib
+import shutil
+
 import pytest
 
 from fractal_farm import farm
@@ -8,9 +11,10 @@ from fractal_farm.catalogue.compaction import compact
 from fractal_farm.catalogue.parts import list_parts
 from fractal_farm.catalogue.verify import verify
 from fractal_farm.catalogue.verify.contents import Contents
+from fractal_farm.errors import InputError
 from fractal_farm.farm import publisher, run, sessions
 from fractal_farm.farm.events import PartCommitted, RunStarted
-from fractal_farm.farm.preflight import disk_need
+from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.run_status import status
 from tests.farm.runs import Recorder, small_config
 
@@ -20,6 +24,16 @@ def plain(tmp_path_factory):
     """The run in one part."""
     path = tmp_path_factory.mktemp("plain") / "run"
     return path, farm.submit(small_config(), path, executor="serial")
+
+
+def test_a_run_that_may_fill_the_disk_in_minutes_is_refused_unless_it_is_told_to(tmp_path):
+    minutes = disk_need(small_config("stop.epochs=2000")).first_hour / 1e10
+    for share, refused in ((0.5, True), (2.0, False)):
+        free = shutil.disk_usage(tmp_path).free / 1e9
+        config = small_config("stop.epochs=2000", f"catalogue.min_free_gb={free - share * minutes}")
+        with pytest.raises(InputError, match="in minutes") if refused else contextlib.nullcontext():
+            check_disk(config, tmp_path / "run")
+    check_disk(small_config("stop.epochs=100000", "catalogue.min_free_gb=0"), tmp_path / "run")
 
 
 def test_a_run_that_merges_its_parts_ends_in_the_same_catalogue_and_resumes(plain, tmp_path, monkeypatch):
