@@ -3,6 +3,7 @@
 Once it ends at once, further signals change nothing: the workers are being sent away. Before the run begins both end
 the command, by exceptions that Python raises wherever it is at the moment. Where nobody can catch them (in what is
 called at a fork, by an import, or for dead objects) Python prints them and goes on; `listening` raises them again.
+Where another exception takes the place of one (as `shutil.rmtree` can, while Ray starts), `interrupts` raises it again.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ _AGAIN_SECONDS = 0.1
 def listening() -> Iterator[None]:
     """From the start of a command to its end: a signal that Python cannot raise comes again a moment later."""
     echoes: list[threading.Timer] = []
+    here = threading.current_thread() is threading.main_thread()
+    ours = here and signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
     def hear(lost: sys.UnraisableHookArgs) -> None:
         if not issubclass(lost.exc_type, KeyboardInterrupt | SystemExit):
@@ -34,9 +37,13 @@ def listening() -> Iterator[None]:
         echoes[-1].start()
 
     before, sys.unraisablehook = sys.unraisablehook, hear
+    if ours:
+        signal.signal(signal.SIGINT, _Interrupt())
     try:
         yield
     finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.unraisablehook = before
         for echo in echoes:
             echo.cancel()
@@ -48,6 +55,9 @@ def interrupts() -> Iterator[Callable[[], str | None]]:
 
     Yields:
         A function that says why the run should end, or None.
+
+    Raises:
+        KeyboardInterrupt: An earlier one, since `listening`, never arrived.
     """
     reason: list[str] = []
 
@@ -58,7 +68,21 @@ def interrupts() -> Iterator[Callable[[], str | None]]:
 
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
+        earlier = before[signal.SIGINT]
+        if isinstance(earlier, _Interrupt) and earlier.came:
+            raise KeyboardInterrupt
         yield lambda: reason[0] if reason else None
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+class _Interrupt:
+    """Python's own handler of SIGINT, with a memory."""
+
+    def __init__(self) -> None:
+        self.came = False
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        self.came = True
+        raise KeyboardInterrupt

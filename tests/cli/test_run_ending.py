@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -131,6 +132,20 @@ def test_what_ray_could_not_raise_comes_again() -> None:
         while why() is None and time.monotonic() < deadline:
             time.sleep(0.01)
         assert why() == "asked to end (SIGTERM)"
+
+
+def test_an_interrupt_that_another_exception_replaced_comes_again() -> None:
+    def run() -> None:
+        with contextlib.suppress(OSError):
+            try:
+                signal.raise_signal(signal.SIGINT)
+            finally:
+                os.close(-1)  # as shutil.rmtree does when it is interrupted just after it has closed its directory
+        with interrupts():
+            pytest.fail("the run began although it was interrupted")
+
+    with listening(), pytest.raises(KeyboardInterrupt):
+        run()
 
 
 @pytest.mark.slow
