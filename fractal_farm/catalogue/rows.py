@@ -30,10 +30,10 @@ def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] 
     Raises:
         FarmError: an unknown column, or one with other than m values.
     """
-    from fractal_farm.ifs.maps import resolved_maps, selection_probabilities
+    from fractal_farm.ifs.maps import resolved
     from fractal_farm.ifs.random_iteration import GENERATOR_VERSION
 
-    probabilities = [selection_probabilities(genome) for genome in genomes]
+    resolutions = [resolved(genome) for genome in genomes]
     phenotypes = [genome.phenotype for genome in genomes]
     known: dict[str, Any] = {
         "design_id": [genome.design_id for genome in genomes],
@@ -44,8 +44,8 @@ def design_table(genomes: Sequence[Genome], columns: Mapping[str, Sequence[Any] 
         "map_form": [phenotype.map_form for phenotype in phenotypes],
         "rotation_sign": [phenotype.rotation_sign for phenotype in phenotypes],
         "genes": [genome.genes.ravel() for genome in genomes],
-        "maps": [resolved_maps(genome).ravel() for genome in genomes],
-        "probabilities": probabilities,
+        "maps": [maps.ravel() for maps, _ in resolutions],
+        "probabilities": [probabilities for _, probabilities in resolutions],
         "probabilities_by_hand": [genome.probabilities is not None for genome in genomes],
         "generator_version": [GENERATOR_VERSION] * len(genomes),
         "symmetry": [genome.symmetry for genome in genomes],

@@ -17,7 +17,7 @@ from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, design_dtype, 
 from fractal_farm.evolution.offspring import max_maps
 from fractal_farm.ifs.genome import ROW_LENGTH, Genome, Phenotype
 
-Wanted = Literal["foreseen", "printable", "scores", "gap", "solid"]
+Wanted = Literal["foreseen", "within", "scores", "gap", "solid"]
 STEERED = -1
 """In an inbox, the source of designs that somebody chose: only genes, identity and birth place are filled in."""
 ELSEWHERE = -2
@@ -30,8 +30,8 @@ class Candidates(NamedTuple):
     Attributes:
         genes: (B, M, K) float64, padded with 0.
         n_maps: (B,) int64.
-        wanted: "scores"; "gap" for that number alone; "solid" for it and estimates of the solid; "printable" for the
-            scores of those whose gap is at most `niches.gap`, and in its place that bound, infinite for the others;
+        wanted: "scores"; "gap" for that number alone, "within" for `niches.gap` in its place
+            where it is no more than that, and infinity elsewhere; "solid" for the gap and estimates of the solid;
             "foreseen" for what closed forms say of D0, D2, fitness and descriptor, the latter where the fitness is
             `niches.expected_fitness` or more.
         symmetries: (B,) codes of `ifs.symmetry`; None: nobody has any.

@@ -6,7 +6,7 @@ times, and then stays empty. With niches all draws of a slot are made at once, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +33,8 @@ REDRAWN = 0.1
 STEERED_SHARE = 0.5
 """Of the parents drawn while a run is steered, those that somebody chose."""
 
-Place = tuple[int, int, int, int]
+Place = tuple[int, int, int]
+"""Island, generation, block."""
 Slots = npt.NDArray[np.intp]
 
 
@@ -59,6 +60,10 @@ class Brood(NamedTuple):
     foreseen: npt.NDArray[np.float32]
 
 
+Draw = Callable[[Sequence[int], Slots], Brood]
+"""Numbers of draws, and slots: see `drawing`."""
+
+
 def max_maps(config: EvolutionConfig) -> int:
     """The largest number of maps that any genome of a run can have."""
     return max([*config.library.map_counts, *(len(seed) for seed in config.library.seeds)])
@@ -67,7 +72,8 @@ def max_maps(config: EvolutionConfig) -> int:
 def founders(config: EvolutionConfig, island: int) -> Brood:
     """The brood of generation 0: the configured seeds first, random genomes after them."""
     size = config.library.size
-    return planted(_filled(config, size, lambda k, rows: _random(config, (island, 0, 0, k), size, rows)), config)
+    nobody = np.zeros(0)
+    return planted(_filled(config, size, _drawing(nobody, config, (island, 0, 0), size, None)), config)
 
 
 def planted(brood: Brood, config: EvolutionConfig) -> Brood:
@@ -116,28 +122,28 @@ def offspring(
     return _moved(_filled(config, slots, draw), block * slots)
 
 
-def draws(
+def drawing(
     library: Designs,
     config: EvolutionConfig,
-    place: tuple[int, int, int],
+    place: Place,
     slots: int,
-    wanted: Slots,
-    attempts: Iterable[int],
     chosen: Designs | None = None,
-) -> Brood:
-    """Several offspring for each of some slots of a block, all first draws before all second ones, and so on.
+) -> Draw:
+    """What draws offspring for some slots of a block, as often as one likes.
 
     Args:
         library: parents; random genomes are drawn if there are none.
         config: evolution section.
         place: island, generation, block.
         slots: slots in a block.
-        wanted: those to draw for.
-        attempts: numbers of the draws; each has numbers of its own.
         chosen: see `offspring`.
+
+    Returns:
+        A function of the numbers of some draws, each of which has random numbers of its own, and of slots: the brood
+        of all these draws for all these slots, all first draws before all second ones.
     """
     draw = _drawing(library, config, place, slots, chosen)
-    return _moved(joined([draw(attempt, wanted) for attempt in attempts]), place[2] * slots)
+    return lambda attempts, rows: _moved(draw(attempts, rows), place[2] * slots)
 
 
 def selected(brood: Brood, which: npt.NDArray[Any]) -> Brood:
@@ -152,17 +158,15 @@ def joined(broods: list[Brood]) -> Brood:
     return Brood(*(np.concatenate(parts) for parts in columns))
 
 
-def _drawing(
-    library: Designs, config: EvolutionConfig, place: tuple[int, int, int], slots: int, chosen: Designs | None
-) -> Callable[[int, Slots], Brood]:
-    """What draws some slots of a block for the n-th time."""
+def _drawing(library: Designs, config: EvolutionConfig, place: Place, slots: int, chosen: Designs | None) -> Draw:
+    """As `drawing`, with slots counted from the first of the block."""
     steered = chosen is not None and len(chosen) > 0
     if config.method == "random" or (len(library) == 0 and not steered):
-        return lambda attempt, rows: _random(config, (*place, attempt), slots, rows)
+        return lambda attempts, rows: _random(config, place, attempts, slots, rows)
     weights = library["fitness"] if config.method != "niches" else parent_weights(library, config)
     if chosen is not None and steered:
         library, weights = _with_chosen(chosen, library, weights)
-    return lambda attempt, rows: _bred(library, weights, config, (*place, attempt), slots, rows)
+    return lambda attempts, rows: _bred(library, weights, config, place, attempts, slots, rows)
 
 
 def _with_chosen(
@@ -179,14 +183,14 @@ def _moved(brood: Brood, first: int) -> Brood:
     return brood._replace(slots=brood.slots + np.int32(first))
 
 
-def _filled(config: EvolutionConfig, slots: int, draw: Callable[[int, Slots], Brood]) -> Brood:
+def _filled(config: EvolutionConfig, slots: int, draw: Draw) -> Brood:
     """Draw until every slot holds a candidate of a similarity dimension in range, or has had its attempts."""
     rows = np.arange(slots)
     if config.similarity_dimension is None or config.phenotype.family != "similarity":
-        return draw(0, rows)
+        return draw([0], rows)
     found = []
     for attempt in range(ATTEMPTS):
-        brood = draw(attempt, rows)
+        brood = draw([attempt], rows)
         good = similarity_dimension_within(brood.genes, brood.n_maps, config.similarity_dimension)
         found.append(selected(brood, good))
         rows = rows[~good]
@@ -196,14 +200,17 @@ def _filled(config: EvolutionConfig, slots: int, draw: Callable[[int, Slots], Br
     return selected(brood, np.argsort(brood.slots))
 
 
-def _random(config: EvolutionConfig, place: Place, slots: int, rows: Slots) -> Brood:
+def _random(config: EvolutionConfig, place: Place, attempts: Sequence[int], slots: int, rows: Slots) -> Brood:
     """Random genomes for some rows of a block."""
     affine = config.phenotype.family == "affine"
-    rng = stream(config.seed, Purpose.FOUNDERS, *place)
-    genes, n_maps = random_genes(rng, slots, max_maps(config), affine, config.library.map_counts)
-    parents, operators = np.zeros((len(rows), 2), "S32"), np.full(len(rows), Operator.RANDOM)
-    symmetries, _ = _symmetries(config, place, slots, rows)
-    return _brood(rows, genes[rows], n_maps[rows], parents, operators, symmetries)
+    found = []
+    for rng in _streams(config, Purpose.FOUNDERS, place, attempts):
+        genes, n_maps = random_genes(rng, slots, max_maps(config), affine, config.library.map_counts)
+        found.append((genes[rows], n_maps[rows]))
+    genes, n_maps = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    parents, operators = np.zeros((len(n_maps), 2), "S32"), np.full(len(n_maps), Operator.RANDOM)
+    symmetries, _ = _symmetries(config, place, attempts, slots, rows)
+    return _brood(np.tile(rows, len(attempts)), genes, n_maps, parents, operators, symmetries)
 
 
 def _brood(
@@ -225,12 +232,13 @@ def _bred(
     weights: npt.NDArray[np.float64],
     config: EvolutionConfig,
     place: Place,
+    attempts: Sequence[int],
     slots: int,
     rows: Slots,
 ) -> Brood:
-    """Offspring for some rows of a block; numbers are drawn for all rows, so that none depends on the others."""
+    """Offspring for some rows of a block."""
     shape = (slots, max_maps(config), ROW_LENGTH[config.phenotype.family])
-    drawn = stream(config.seed, Purpose.PARENTS, *place).random((slots, 2))[rows]
+    drawn = _uniform(config, Purpose.PARENTS, place, attempts, (slots, 2), rows)
     first, second = proportional(weights, drawn).T
     n_maps, identities = library["n_maps"], library["design_id"]
     genes, crossed = block_crossover(
@@ -238,29 +246,31 @@ def _bred(
         library["genes"][second],
         n_maps[first],
         n_maps[second],
-        stream(config.seed, Purpose.CROSSOVER, *place).random((slots, 3))[rows],
+        _uniform(config, Purpose.CROSSOVER, place, attempts, (slots, 3), rows),
         config.crossover.probability if config.method != "niches" else config.niches.crossover,
     )
-    probability, sigma = _scales(config, place, slots, rows)
-    rng = stream(config.seed, Purpose.MUTATION, *place)
+    probability, sigma = _scales(config, place, attempts, slots, rows)
+    streams = _streams(config, Purpose.MUTATION, place, attempts)
     genes, mutated = gaussian_mutation(
         genes,
         n_maps[first],
-        rng.random(shape)[rows],
-        rng.standard_normal(shape)[rows],
+        np.concatenate([rng.random(shape)[rows] for rng in streams]),
+        np.concatenate([rng.standard_normal(shape)[rows] for rng in streams]),
         probability,
         sigma,
         config.phenotype.family == "affine",
     )
     lineage = np.stack([identities[first], np.where(crossed, identities[second], b"")], axis=1)
-    symmetries, changed = _symmetries(config, place, slots, rows, library["symmetry"][first].astype(np.uint8))
+    inherited = library["symmetry"][first].astype(np.uint8)
+    symmetries, changed = _symmetries(config, place, attempts, slots, rows, inherited)
     operators = Operator.COPY + crossed + 2 * mutated + 4 * changed
-    return _brood(rows, genes, n_maps[first], lineage, operators, symmetries)
+    return _brood(np.tile(rows, len(attempts)), genes, n_maps[first], lineage, operators, symmetries)
 
 
 def _symmetries(
     config: EvolutionConfig,
     place: Place,
+    attempts: Sequence[int],
     slots: int,
     rows: Slots,
     inherited: npt.NDArray[np.uint8] | None = None,
@@ -269,10 +279,11 @@ def _symmetries(
 
     Without any but `none` in the configuration nothing is drawn: what chosen parents have is inherited all the same.
     """
-    before = np.zeros(len(rows), np.uint8) if inherited is None else inherited
+    count = len(attempts) * len(rows)
+    before = np.zeros(count, np.uint8) if inherited is None else inherited
     if set(config.symmetries) == {NO_SYMMETRY}:
-        return before, np.zeros(len(rows), np.bool_)
-    drawn = stream(config.seed, Purpose.SYMMETRY, *place).random((slots, 2))[rows]
+        return before, np.zeros(count, np.bool_)
+    drawn = _uniform(config, Purpose.SYMMETRY, place, attempts, (slots, 2), rows)
     codes = np.sort(symmetry_codes(config.symmetries))
     shares = np.array([config.symmetries[SYMMETRIES[code].name] for code in codes])
     chosen = codes[proportional(shares, drawn[:, 0])]
@@ -281,14 +292,32 @@ def _symmetries(
 
 
 def _scales(
-    config: EvolutionConfig, place: Place, slots: int, rows: Slots
+    config: EvolutionConfig, place: Place, attempts: Sequence[int], slots: int, rows: Slots
 ) -> tuple[float, float] | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Probability and standard deviation of mutation: one for all, or with niches drawn for each slot, (rows, 1, 1)."""
+    """Probability and standard deviation of mutation: one for all, or with niches drawn for each one, (n, 1, 1)."""
     if config.method != "niches":
         return config.mutation.probability, config.mutation.sigma
-    drawn = stream(config.seed, Purpose.SCALES, *place).random((slots, 2))[rows]
+    drawn = _uniform(config, Purpose.SCALES, place, attempts, (slots, 2), rows)
     choices = (np.array(config.niches.probabilities), np.array(config.niches.sigmas))
     probability, sigma = (
         values[(drawn[:, k] * len(values)).astype(np.intp)][:, None, None] for k, values in enumerate(choices)
     )
     return probability, sigma
+
+
+def _uniform(
+    config: EvolutionConfig,
+    purpose: Purpose,
+    place: Place,
+    attempts: Sequence[int],
+    shape: tuple[int, ...],
+    rows: Slots,
+) -> npt.NDArray[np.float64]:
+    """Uniform numbers of some rows of a block, draw after draw; drawn for all rows, so that none depends on others."""
+    return np.concatenate([rng.random(shape)[rows] for rng in _streams(config, purpose, place, attempts)])
+
+
+def _streams(
+    config: EvolutionConfig, purpose: Purpose, place: Place, attempts: Sequence[int]
+) -> list[np.random.Generator]:
+    return [stream(config.seed, purpose, *place, attempt) for attempt in attempts]

@@ -18,9 +18,11 @@ from fractal_farm.distinctness import DistinctSet, signatures
 from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, Operator
 from fractal_farm.evolution.epoch import Candidates, Scores, Wanted
 from fractal_farm.evolution.fullness import is_full
-from fractal_farm.evolution.offspring import Brood, Slots, draws, joined, planted, selected
+from fractal_farm.evolution.offspring import Brood, Slots, drawing, joined, planted, selected
 
 DRAWS = 16
+_DRAWN_TOGETHER = 4
+"""Draws that are foreseen at once: slots that find a candidate early do without the later ones."""
 _D0, _D2, _FITNESS, _GAP = (SCORE_FIELDS.index(name) for name in ("d0", "d2", "fitness", "gap"))
 _MOST_DIMENSIONS = 3.0
 
@@ -51,22 +53,23 @@ def screened_offspring(
         Candidates; send back their scores.
     """
     wanted: Slots = np.arange(slots)
-    found: list[tuple[Brood, Scores]] = []
+    found: list[Brood] = []
     for again in range(max(1, config.niches.gap_attempts)):
         place = (island, generation, block)
         brood = yield from _promising(library, config, place, slots, wanted, again, shapes, chosen)
-        if not config.niches.gap_attempts:
-            return brood, (yield from evaluated(brood))
-        scores = yield from evaluated(brood, "printable")
-        good = (scores.values[:, _GAP] <= config.niches.gap) | (scores.refusals != 0)
-        found.append((selected(brood, good), Scores(*(column[good] for column in scores))))
-        wanted = np.setdiff1d(wanted, found[-1][0].slots - block * slots)
+        if config.niches.gap_attempts:
+            scores = yield from evaluated(brood, "within")
+            brood = selected(brood, scores.values[:, _GAP] <= config.niches.gap)
+        found.append(brood)
+        wanted = np.setdiff1d(wanted, brood.slots - block * slots)
         if not len(wanted):
             break
-    brood = joined([part for part, _ in found])
-    order = np.argsort(brood.slots)
-    columns = zip(*(scores for _, scores in found), strict=True)
-    return selected(brood, order), Scores(*(np.concatenate(parts)[order] for parts in columns))
+    brood = joined(found)
+    brood = selected(brood, np.argsort(brood.slots))
+    scores = yield from evaluated(brood)
+    if config.niches.gap_attempts:
+        scores.values[:, _GAP] = config.niches.gap
+    return brood, scores
 
 
 class ForeseenShapes:
@@ -75,25 +78,30 @@ class ForeseenShapes:
     def __init__(self, known: npt.NDArray[np.float32], config: EvolutionConfig) -> None:
         """Begin with the (n, 6) expected signatures of shapes that are known, nan where nothing was expected."""
         self._distance = config.niches.foreseen_distance
-        self._known = DistinctSet(self._scaled(known))
-        self._since = DistinctSet(self._scaled(known[:0]))
+        self._known = DistinctSet(self._sound(known))
+        self._since = DistinctSet(self._sound(known[:0]))
 
     def forget_candidates(self, born_since: npt.NDArray[np.float32]) -> None:
         """Forget the candidates of earlier generations, but for those that were found to be new shapes."""
-        self._since = DistinctSet(self._scaled(born_since))
+        self._since = DistinctSet(self._sound(born_since))
 
-    def sift(self, marks: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        """Which candidates are unlike all that is known, and those before them; they are entered."""
+    def are_new(self, marks: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        """Which candidates, (n, 6), are unlike all that was known when the epoch began."""
+        return np.ones(len(marks), bool) if self._distance is None else ~self._known.near(self._units(marks))
+
+    def enter(self, marks: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        """Which of these new candidates, (n, 6), are unlike those that were entered before; they are entered."""
         if self._distance is None:
             return np.ones(len(marks), bool)
-        scaled = marks.astype(np.float64) / self._distance
-        unlike = ~self._known.near(scaled)
-        _, unlike[unlike] = self._since.sift(scaled[unlike])
-        return unlike
+        return np.array(self._since.sift(self._units(marks))[1], bool)
 
-    def _scaled(self, marks: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+    def _sound(self, marks: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+        """Those that are numbers."""
+        return self._units(marks[np.isfinite(marks).all(axis=1)])
+
+    def _units(self, marks: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
         """In units of the distance that is asked for."""
-        return marks[np.isfinite(marks).all(axis=1)].astype(np.float64) / (self._distance or 1.0)
+        return marks.astype(np.float64) / (self._distance or 1.0)
 
 
 def screened_founders(config: EvolutionConfig, island: int) -> Generator[Candidates, Scores, Brood]:
@@ -127,23 +135,30 @@ def _promising(
     parents: Designs | None = None,
 ) -> Generator[Candidates, Scores, Brood]:
     """For each wanted slot the first of its draws that nothing speaks against."""
-    brood = draws(library, config, place, slots, wanted, range(again * DRAWS, (again + 1) * DRAWS), parents)
-    good = brood.operators != Operator.COPY
-    if config.foreseeable:
-        foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen", brood.symmetries)
-        brood = brood._replace(foreseen=_marks(foreseen))
-        good &= _worthwhile(foreseen, config)
-    chosen: list[npt.NDArray[np.intp]] = []
-    is_open = np.ones(len(wanted), bool)
-    for draw in range(DRAWS):
-        rows = draw * len(wanted) + np.flatnonzero(is_open)
-        rows = rows[good[rows]]
-        if shapes is not None and config.foreseeable:
-            rows = rows[shapes.sift(brood.foreseen[rows])]
-        is_open[rows - draw * len(wanted)] = False
-        chosen.append(rows)
-    taken = np.concatenate(chosen)
-    return selected(brood, taken[np.argsort(brood.slots[taken])])
+    draw = drawing(library, config, place, slots, parents)
+    chosen: list[Brood] = []
+    first = again * DRAWS
+    for attempts in (range(first + k, first + k + _DRAWN_TOGETHER) for k in range(0, DRAWS, _DRAWN_TOGETHER)):
+        brood = draw(attempts, wanted)
+        good = brood.operators != Operator.COPY
+        if config.foreseeable:
+            foreseen = yield Candidates(brood.genes, brood.n_maps, "foreseen", brood.symmetries)
+            brood = brood._replace(foreseen=_marks(foreseen))
+            good &= _worthwhile(foreseen, config)
+            if shapes is not None:
+                good[good] = shapes.are_new(brood.foreseen[good])
+        is_open = np.ones(len(wanted), bool)
+        for start in range(0, len(good), len(wanted)):
+            rows = np.flatnonzero(is_open & good[start : start + len(wanted)])
+            if shapes is not None and config.foreseeable:
+                rows = rows[shapes.enter(brood.foreseen[start + rows])]
+            is_open[rows] = False
+            chosen.append(selected(brood, start + rows))
+        wanted = wanted[is_open]
+        if not len(wanted):
+            break
+    brood = joined(chosen)
+    return selected(brood, np.argsort(brood.slots))
 
 
 def _worthwhile(foreseen: Scores, config: EvolutionConfig) -> npt.NDArray[np.bool_]:

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from fractal_farm.fitness import FitnessFormula
     from fractal_farm.solid import SolidParameters
 
-_FORESEEN_AN_EVALUATION = 16  # so many genomes are foreseen in the time that one is evaluated
+QUICK: frozenset[Wanted] = frozenset({"foreseen", "within", "gap"})
+"""What takes about as long as to send it to somebody else."""
 
 Evaluate = Callable[[Candidates, EvolutionConfig], Scores]
 
@@ -119,12 +120,7 @@ def evaluate_candidates(candidates: Candidates, config: EvolutionConfig, repeat:
                 scores.values[:, SCORE_FIELDS.index(name)] = np.array(column, np.float64)
         return scores
     limit = config.niches.gap
-    within = gaps_within(genomes, limit)
-    found = _fitness(candidates.part(within), config, repeat)
-    scores.values[within] = found.values
-    scores.refusals[within] = found.refusals
-    scores.descriptors[within] = found.descriptors
-    gaps[:] = np.where(within, limit, np.inf)
+    gaps[:] = np.where(gaps_within(genomes, limit), limit, np.inf)
     return scores
 
 
@@ -202,10 +198,9 @@ def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:
 
 
 def split(candidates: Candidates, size: int | None) -> list[Candidates]:
-    """Cut a block into batches of at most `size` evaluations, or as much work (None: one batch)."""
+    """Cut a block into batches of at most `size` genomes (None: one batch)."""
     count = len(candidates.n_maps)
-    scale = _FORESEEN_AN_EVALUATION if candidates.wanted == "foreseen" else 1
-    step = max(1, count if size is None else size * scale)
+    step = max(1, count if size is None else size)
     return [candidates.part(slice(k, k + step)) for k in range(0, max(count, 1), step)]
 
 

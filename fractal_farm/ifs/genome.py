@@ -141,7 +141,7 @@ def as_genome(value: Genome | npt.ArrayLike, name: str = "genome") -> Genome:
 
 def check_row(gene: list[float], family: Family) -> tuple[Refusal, str]:
     """Whether one row is a finite contraction; the reason in words if not."""
-    if not all(math.isfinite(allele) for allele in gene):
+    if not all(map(math.isfinite, gene)):
         column = next(i for i, allele in enumerate(gene) if not math.isfinite(allele))
         label = GENE_NAMES[column] if family == "similarity" else f"number {column + 1}"
         return Refusal.NOT_FINITE, f"{label} is {gene[column]}; every gene must be a finite number"
@@ -160,7 +160,7 @@ def check_row(gene: list[float], family: Family) -> tuple[Refusal, str]:
 
 def canonical_rows(genes: FloatArray) -> list[tuple[float, ...]]:
     """The rows in canonical order (lexicographic), with -0.0 written as 0.0."""
-    return sorted(tuple(allele + 0.0 for allele in row) for row in genes.tolist())
+    return sorted(map(tuple, (genes + 0.0).tolist()))
 
 
 def design_id(

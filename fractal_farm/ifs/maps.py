@@ -21,11 +21,7 @@ def resolved_maps(genome: Genome | npt.ArrayLike) -> npt.NDArray[np.float64]:
     Raises:
         InputError: the genome is invalid.
     """
-    valid = as_genome(genome)
-    system = system_of(valid)
-    maps = np.empty((valid.n_maps, 3, 4))
-    maps[system.order[: valid.n_maps]] = system.maps[: valid.n_maps].reshape(-1, 3, 4)
-    return maps
+    return resolved(genome)[0]
 
 
 def selection_probabilities(genome: Genome | npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -40,8 +36,15 @@ def selection_probabilities(genome: Genome | npt.ArrayLike) -> npt.NDArray[np.fl
     Raises:
         InputError: the genome is invalid.
     """
+    return resolved(genome)[1]
+
+
+def resolved(genome: Genome | npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Both `resolved_maps` and `selection_probabilities`."""
     valid = as_genome(genome)
     system = system_of(valid)
-    probabilities = np.empty(valid.n_maps)
-    probabilities[system.order[: valid.n_maps]] = system.probabilities[: valid.n_maps]
-    return probabilities
+    order = system.order[: valid.n_maps]
+    maps, probabilities = np.empty((valid.n_maps, 3, 4)), np.empty(valid.n_maps)
+    maps[order] = system.maps[: valid.n_maps].reshape(-1, 3, 4)
+    probabilities[order] = system.probabilities[: valid.n_maps]
+    return maps, probabilities

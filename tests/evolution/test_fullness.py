@@ -64,7 +64,7 @@ def grown(**niches):
 
     def evaluate_and_note(candidates):
         scores = evaluate_candidates(candidates, config)
-        if candidates.wanted in ("scores", "printable"):
+        if candidates.wanted == "scores":
             known = np.isfinite(scores.descriptors[:, 0])
             evaluated.append((scores.values[known, 0], scores.descriptors[known]))
         return scores

@@ -78,10 +78,11 @@ def test_candidates_of_earlier_generations_are_forgotten_unless_they_became_memb
     settings = config()
     marks = np.arange(12, dtype=np.float32)[:, None] * np.full(6, 10, np.float32)
     shapes = ForeseenShapes(marks[:4], settings)
-    assert shapes.sift(marks[3:9]).tolist() == [False] + [True] * 5
-    assert not shapes.sift(marks[:9]).any()
+    assert shapes.are_new(marks).tolist() == [False] * 4 + [True] * 8
+    assert shapes.enter(marks[4:9]).all()
+    assert not shapes.enter(marks[4:9]).any()
     shapes.forget_candidates(marks[4:6])
-    assert shapes.sift(marks).tolist() == [False] * 6 + [True] * 6
+    assert shapes.enter(marks[4:]).tolist() == [False] * 2 + [True] * 6
 
 
 def test_any_shape_and_any_gap_will_do_when_so_configured():

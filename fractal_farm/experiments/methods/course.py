@@ -110,7 +110,7 @@ class Course:
         )
         before = self.totals[-1]
         spent = time.process_time() - began[0], time.perf_counter() - began[1]
-        counts = len(fitness), asked["foreseen"], asked["printable"] + asked["gap"], *spent
+        counts = len(fitness), asked["foreseen"], asked["within"] + asked["gap"], *spent
         self.totals.append(Totals(*(old + new for old, new in zip(before, counts, strict=True))))
         qualified = np.flatnonzero(fitness > self._config.qualified)
         return Finds(qualified + int(before.evaluated), genes[qualified], n_maps[qualified])
@@ -142,10 +142,8 @@ class _Clerk:
     def __call__(self, candidates: Candidates) -> Scores:
         scores = evaluate_candidates(candidates, self._config)
         self.asked[candidates.wanted] += len(candidates.n_maps)
-        if candidates.wanted in ("scores", "printable"):
-            # Of candidates that were to be printable, only those that are were evaluated.
-            done = np.full(len(scores.values), candidates.wanted == "scores") | np.isfinite(scores.values[:, _GAP])
-            self.blocks.append((candidates.genes[done], candidates.n_maps[done], scores.values[done, _FITNESS]))
+        if candidates.wanted == "scores":
+            self.blocks.append((candidates.genes, candidates.n_maps, scores.values[:, _FITNESS]))
         return scores
 
 

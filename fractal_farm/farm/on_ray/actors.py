@@ -21,7 +21,7 @@ from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.executor import Inbox
 from fractal_farm.farm.on_ray.orphans import Nodes
 from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
-from fractal_farm.farm.work import Evaluate, MeshOrder, Part, PartReceipt, SetAside, make_solid, split, warm_up
+from fractal_farm.farm.work import QUICK, Evaluate, MeshOrder, Part, PartReceipt, SetAside, make_solid, split, warm_up
 
 LOST = (RayActorError, WorkerCrashedError, OutOfMemoryError, NodeDiedError, ObjectLostError)
 """What says that a process, a node or its memory is gone, and not that the work itself is at fault."""
@@ -32,6 +32,7 @@ _MESH_NICENESS = 10
 def evaluate_batch(evaluate: Evaluate, candidates: Candidates, config: EvolutionConfig) -> Scores:
     """RIA and fitness of one batch; a worker that takes far longer than it can take dies of it."""
     if config not in _warm:
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         warm_up(evaluate, config)
         _warm.append(config)
     with bounded(len(candidates.n_maps), config):
@@ -46,6 +47,7 @@ class Island:
     """One island; its library is a cache of what the run knows."""
 
     def __init__(self, evaluate: Evaluate, config: EvolutionConfig, island: int, batch_size: int | None) -> None:
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         self._evaluate = evaluate
         self._config = config
         self._island = island
@@ -61,8 +63,7 @@ class Island:
         set_aside: list[SetAside] = []
 
         def scores_of(candidates: Candidates) -> Scores:
-            if candidates.wanted == "foreseen":
-                # Closed forms of a thousand genomes take less time than sending them.
+            if candidates.wanted in QUICK:
                 return self._evaluate(candidates, self._config)
             batches = split(candidates, self._batch_size)
             scores, verdicts = evaluate_with_care(batches, self._evaluate_all, self._try_alone, self._config)
