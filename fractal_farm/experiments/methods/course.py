@@ -25,7 +25,7 @@ from fractal_farm.evolution.migration import sources
 from fractal_farm.farm.schedule import Schedule
 from fractal_farm.farm.work import evaluate_candidates, warm_up
 
-_FITNESS, _GAP = SCORE_FIELDS.index("fitness"), SCORE_FIELDS.index("gap")
+_FITNESS = SCORE_FIELDS.index("fitness")
 State = Mapping[str, npt.NDArray[Any]]
 Block = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]
 """Candidates that were evaluated: genes (B, M, K), n_maps (B,) and fitness (B,)."""
