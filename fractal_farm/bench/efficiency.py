@@ -2,8 +2,8 @@
 
 A run is grown first, since a night is not spent with founding libraries. Then run and loops go on from the same state,
 in turn; the medians count, because other work on a machine comes and goes. The loops are one process for each core;
-each takes its share of the islands through the same epochs (evaluation and method, no migration, nothing written).
-They hear what the islands of the run heard, which decides how much there is to do.
+each takes its share of the islands through the same epochs, with the migrants and the news that they had in the run:
+what they do is the same to the bit, without Ray and without writing anything.
 """
 
 from __future__ import annotations
@@ -19,12 +19,23 @@ from statistics import median
 from typing import Any
 
 from fractal_farm import farm
+from fractal_farm.catalogue import committed_records
 from fractal_farm.config import EvolutionConfig, RunConfig
 from fractal_farm.errors import FarmError
-from fractal_farm.evolution.epoch import ELSEWHERE, Candidates, IslandState, Scores, state_after
-from fractal_farm.evolution.hearsay import Hearsay
+from fractal_farm.evolution.designs import Designs
+from fractal_farm.evolution.epoch import (
+    ELSEWHERE,
+    Candidates,
+    IslandState,
+    Scores,
+    founding_state,
+    library_after,
+    state_after,
+)
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.events import Callback, EpochCompleted, Event
+from fractal_farm.farm.executor import Inbox
+from fractal_farm.farm.records import unpack_ledger
 from fractal_farm.farm.restore import restore
 from fractal_farm.farm.work import evaluate_candidates
 
@@ -82,14 +93,31 @@ def _round(config: RunConfig, grown: Path, root: Path) -> Round:
     watch = _Watch()
     farm.resume(root, overrides=[f"stop.epochs={GROWN + 1 + SPAN + _REST}"], callbacks=[watch])
     (began, before), (ended, after) = watch.epochs[GROWN], watch.epochs[GROWN + SPAN]
-    start = restore(config, grown)[0]
-    heard = restore(config, root)[0].hearsay
+    return Round((after - before) / (ended - began), *_loops(config.evolution, *_tasks(config, grown, root)))
+
+
+def _tasks(config: RunConfig, grown: Path, root: Path) -> tuple[dict[int, IslandState], dict[tuple[int, int], Inbox]]:
+    """The state of every island before the first epoch of a round, and what arrived in each (island, epoch) of it."""
+    begun, heard = restore(config, grown)[0], restore(config, root)[0].hearsay
     assert heard is not None
-    states = {
-        island: replace(state, elsewhere=heard.elsewhere(island, -1, GROWN - start.lag - 2))
-        for island, state in start.state.items()
-    }
-    return Round((after - before) / (ended - began), *_loops(config.evolution, heard, states))
+    states = dict.fromkeys(begun.state, founding_state(config.evolution))
+    dtype = states[0].library.dtype
+    sent: dict[tuple[int, int], Designs] = {}
+    for _, blob in committed_records(root, config.run_id, after=-1):
+        for record in unpack_ledger(blob, dtype).records:
+            state = IslandState(record.epoch, library_after(states[record.island].library, record))
+            states[record.island] = state
+            sent[record.island, record.epoch] = state.library[record.emigrants]
+    inboxes: dict[tuple[int, int], Inbox] = {}
+    for epoch in range(GROWN, GROWN + 1 + SPAN):
+        left, told = epoch - begun.lag, epoch - begun.lag - 1
+        for island, sources in enumerate(begun.sources):
+            news = heard.elsewhere(island, told, told)
+            inboxes[island, epoch] = [*((source, sent[source, left]) for source in sources), (ELSEWHERE, news)]
+    told = GROWN - begun.lag - 2
+    return {
+        island: replace(state, elsewhere=heard.elsewhere(island, -1, told)) for island, state in begun.state.items()
+    }, inboxes
 
 
 class _Watch(Callback):
@@ -103,13 +131,15 @@ class _Watch(Callback):
             self.epochs[event.epoch] = (time.monotonic(), event.progress.evaluated)
 
 
-def _loops(config: EvolutionConfig, heard: Hearsay, states: dict[int, IslandState]) -> tuple[float, float]:
+def _loops(
+    config: EvolutionConfig, states: dict[int, IslandState], inboxes: dict[tuple[int, int], Inbox]
+) -> tuple[float, float]:
     """Candidates a second of all loops together, and of the evaluations within them."""
     cores = len(os.sched_getaffinity(0))
     context = multiprocessing.get_context("spawn")
     start, results = context.Barrier(cores), context.Queue()
     shares = [{island: states[island] for island in range(core, config.islands, cores)} for core in range(cores)]
-    processes = [context.Process(target=_loop, args=(config, heard, share, start, results)) for share in shares]
+    processes = [context.Process(target=_loop, args=(config, share, inboxes, start, results)) for share in shares]
     for process in processes:
         process.start()
     found: list[tuple[float, float]] = [results.get(timeout=_PATIENCE_SECONDS) for _ in processes]
@@ -121,7 +151,13 @@ def _loops(config: EvolutionConfig, heard: Hearsay, states: dict[int, IslandStat
     return sum(looped), sum(evaluated)
 
 
-def _loop(config: EvolutionConfig, heard: Hearsay, states: dict[int, IslandState], start: Any, results: Any) -> None:
+def _loop(
+    config: EvolutionConfig,
+    states: dict[int, IslandState],
+    inboxes: dict[tuple[int, int], Inbox],
+    start: Any,
+    results: Any,
+) -> None:
     """Take some islands through all epochs; send scored candidates a second, of the loop and of evaluations alone."""
     scored: list[Candidates] = []
 
@@ -137,8 +173,7 @@ def _loop(config: EvolutionConfig, heard: Hearsay, states: dict[int, IslandState
             scored.clear()
             began = time.perf_counter()
         for island, state in states.items():
-            news = epoch - config.migration.lag - 1
-            inbox = [(ELSEWHERE, heard.elsewhere(island, news, news))]
+            inbox = inboxes[island, epoch]
             record = drive(advance(state, inbox, config, island, epoch), evaluate)
             states[island] = state_after(state, record, inbox)
     looped = time.perf_counter()
