@@ -18,6 +18,22 @@ def deadly(genes):
     return genes[:, 0, 0].view(np.uint64) % np.uint64(79) == 0
 
 
+def _seldom(candidates):
+    return np.ascontiguousarray(candidates.genes)[:, 0, 0].view(np.uint64) % np.uint64(199) == 0
+
+
+def dies_of_what_is_quick(candidates, config):
+    """Dies of one in two hundred, whatever is asked about them."""
+    if _seldom(candidates).any():
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return evaluate_candidates(candidates, config)
+
+
+def refuses_what_is_quick(candidates, config):
+    """Refuses the same genomes, and lives."""
+    return _refusing(candidates, config, _seldom(candidates))
+
+
 def dies(candidates, config):
     """Dies by its own hand of every deadly genome."""
     if deadly(np.ascontiguousarray(candidates.genes)).any():
@@ -27,9 +43,12 @@ def dies(candidates, config):
 
 def refuses(candidates, config):
     """Refuses the same genomes, and lives."""
+    return _refusing(candidates, config, deadly(np.ascontiguousarray(candidates.genes)))
+
+
+def _refusing(candidates, config, at):
     scores = evaluate_candidates(candidates, config)
     values, refusals = scores.values.copy(), scores.refusals.copy()
-    at = deadly(np.ascontiguousarray(candidates.genes))
     values[at], refusals[at] = refused().values[0], refused().refusals[0]
     return Scores(values, refusals, scores.descriptors)
 

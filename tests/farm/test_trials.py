@@ -211,6 +211,19 @@ def test_a_run_sets_deadly_genomes_aside_and_finds_all_others(ray_cluster, tmp_p
 
 @pytest.mark.slow
 @pytest.mark.ray
+def test_an_island_that_dies_of_a_genome_while_it_screens_sets_it_aside(ray_cluster, tmp_path, monkeypatch):
+    niches = ("evolution.method=niches", "evolution.islands=1", "evolution.offspring=8", "stop.epochs=2")
+    config = small_config(*niches, "catalogue.keep=distinct")
+    expected = _serial(tmp_path, monkeypatch, config, deadly.refuses_what_is_quick)
+    found = _on_ray(tmp_path, monkeypatch, config, deadly.dies_of_what_is_quick)
+    assert found.ended.digest == expected.ended.digest
+    verdicts = _verdicts(tmp_path / "ray", config)
+    assert verdicts
+    assert all("SIGSEGV" in verdict.reason for verdict in verdicts)
+
+
+@pytest.mark.slow
+@pytest.mark.ray
 def test_batches_killed_from_outside_change_nothing(ray_cluster, tmp_path, monkeypatch):
     config, recorder = small_config("stop.epochs=1"), Recorder()
     expected = farm.submit(config, tmp_path / "serial", executor="serial")

@@ -56,15 +56,20 @@ class Island:
         self._state: IslandState | None = None
         self._nodes = Nodes()
 
-    def advance(self, epoch: int, inbox: Inbox, state: IslandState | None) -> tuple[EpochRecord, tuple[SetAside, ...]]:
-        """The record of an epoch, from the state before it, or from memory if that is None."""
+    def advance(
+        self, epoch: int, inbox: Inbox, state: IslandState | None, with_care: bool = False
+    ) -> tuple[EpochRecord, tuple[SetAside, ...]]:
+        """The record of an epoch, from the state before it, or from memory if that is None.
+
+        With care nothing is evaluated in this process: another one died in this epoch, perhaps of a genome.
+        """
         before = state if state is not None else self._state
         assert before is not None
         assert before.epoch == epoch - 1
         set_aside: list[SetAside] = []
 
         def scores_of(candidates: Candidates) -> Scores:
-            if candidates.wanted in QUICK:
+            if candidates.wanted in QUICK and not with_care:
                 return self._evaluate(candidates, self._config)
             batches = split(candidates, self._batch_size)
             scores, verdicts = evaluate_with_care(batches, self._evaluate_all, self._try_alone, self._config)

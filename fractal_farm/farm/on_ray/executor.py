@@ -71,6 +71,7 @@ class RayExecutor:
         self._here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         self._islands: dict[int, Any] = {}
         self._memory: dict[int, int] = {}
+        self._lost: set[tuple[int, int]] = set()
         self._writer: Any = None
         self._meshers: list[Any] = []
         self._pending: dict[Any, tuple[str, Any]] = {}
@@ -87,7 +88,8 @@ class RayExecutor:
             if island not in self._islands:
                 self._islands[island] = ISLAND.remote(self._evaluate, self._config, island, self._batch_size)
             known = self._memory.get(island) == epoch - 1 and epoch > 0
-            call = self._islands[island].advance.remote(epoch, inbox, None if known else state)
+            lost_before = (island, epoch) in self._lost
+            call = self._islands[island].advance.remote(epoch, inbox, None if known else state, lost_before)
         self._pending[call] = ("epoch", (island, epoch))
 
     def commit(self, part: Part) -> None:
@@ -196,6 +198,7 @@ class RayExecutor:
             return MeshDone(what[0], seconds, failure)
         island, epoch = what
         self._memory[island] = epoch
+        self._lost.discard(what)
         return EpochDone(*result)
 
     def _troubles(self) -> list[Finished]:
@@ -210,6 +213,7 @@ class RayExecutor:
         """Forget the actor that was lost: what comes next gets a new one. It may live on, out of reach."""
         lost = None
         if kind == "epoch":
+            self._lost.add(what)
             self._memory.pop(what[0], None)
             lost = self._islands.pop(what[0], None)
         elif kind == "part" or (self._writer and getattr(error, "actor_id", None) == self._writer._actor_id.hex()):
