@@ -20,6 +20,7 @@ from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.epoch import Candidates, EpochRecord, IslandState, Scores, state_after
 from fractal_farm.evolution.island import advance, drive
 from fractal_farm.farm.executor import Inbox
+from fractal_farm.farm.memory import return_large_arrays
 from fractal_farm.farm.on_ray.orphans import Nodes
 from fractal_farm.farm.trials import Death, bounded, evaluate_with_care, trial
 from fractal_farm.farm.work import QUICK, Evaluate, MeshOrder, Part, PartReceipt, SetAside, make_solid, split, warm_up
@@ -49,6 +50,7 @@ class Island:
 
     def __init__(self, evaluate: Evaluate, config: EvolutionConfig, island: int, batch_size: int | None) -> None:
         _take_long_turns()
+        return_large_arrays()
         self._evaluate = evaluate
         self._config = config
         self._island = island
