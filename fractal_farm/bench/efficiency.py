@@ -93,7 +93,10 @@ def _round(config: RunConfig, grown: Path, root: Path) -> Round:
     watch = _Watch()
     farm.resume(root, overrides=[f"stop.epochs={GROWN + 1 + SPAN + _REST}"], callbacks=[watch])
     (began, before), (ended, after) = watch.epochs[GROWN], watch.epochs[GROWN + SPAN]
-    return Round((after - before) / (ended - began), *_loops(config.evolution, *_tasks(config, grown, root)))
+    count, loops, kernel = _loops(config.evolution, *_tasks(config, grown, root))
+    if count != after - before:
+        raise FarmError(f"the loops evaluated {count} candidates and the run {after - before}; they compare no more")
+    return Round(count / (ended - began), loops, kernel)
 
 
 def _tasks(config: RunConfig, grown: Path, root: Path) -> tuple[dict[int, IslandState], dict[tuple[int, int], Inbox]]:
@@ -133,8 +136,8 @@ class _Watch(Callback):
 
 def _loops(
     config: EvolutionConfig, states: dict[int, IslandState], inboxes: dict[tuple[int, int], Inbox]
-) -> tuple[float, float]:
-    """Candidates a second of all loops together, and of the evaluations within them."""
+) -> tuple[int, float, float]:
+    """Candidates of all loops, how many of them in a second, and in a second of the evaluations within them."""
     cores = len(os.sched_getaffinity(0))
     context = multiprocessing.get_context("spawn")
     start, results = context.Barrier(cores), context.Queue()
@@ -142,13 +145,13 @@ def _loops(
     processes = [context.Process(target=_loop, args=(config, share, inboxes, start, results)) for share in shares]
     for process in processes:
         process.start()
-    found: list[tuple[float, float]] = [results.get(timeout=_PATIENCE_SECONDS) for _ in processes]
+    found: list[tuple[int, float, float]] = [results.get(timeout=_PATIENCE_SECONDS) for _ in processes]
     for process in processes:
         process.join()
     if any(process.exitcode for process in processes):
         raise FarmError("a loop of the bench died; see `farm doctor`")
-    looped, evaluated = zip(*found, strict=True)
-    return sum(looped), sum(evaluated)
+    counts, looped, evaluated = zip(*found, strict=True)
+    return sum(counts), sum(looped), sum(evaluated)
 
 
 def _loop(
@@ -158,7 +161,7 @@ def _loop(
     start: Any,
     results: Any,
 ) -> None:
-    """Take some islands through all epochs; send scored candidates a second, of the loop and of evaluations alone."""
+    """Take some islands through all epochs; send candidates scored, in all, a second, and by evaluations a second."""
     scored: list[Candidates] = []
 
     def evaluate(candidates: Candidates) -> Scores:
@@ -181,4 +184,4 @@ def _loop(
         evaluate_candidates(candidates, config)
     evaluated = time.perf_counter()
     count = sum(len(candidates.n_maps) for candidates in scored)
-    results.put((count / (looped - began), count / (evaluated - looped)))
+    results.put((count, count / (looped - began), count / (evaluated - looped)))

@@ -29,7 +29,6 @@ from fractal_farm.farm.event_log import EventLog
 from fractal_farm.farm.events import Announcer, Callback, Fault, MirrorChanged, RunEnded, RunStarted
 from fractal_farm.farm.executor import ClusterLostError
 from fractal_farm.farm.interrupts import interrupts
-from fractal_farm.farm.memory import return_large_arrays
 from fractal_farm.farm.mirroring import check_mirror, mirroring
 from fractal_farm.farm.preflight import check_disk, disk_need
 from fractal_farm.farm.report import write_report
@@ -178,7 +177,6 @@ def working_with(config: RunConfig, address: str | None, executor: str | None) -
 def _session(config: RunConfig, root: Path, workers: Workforce, callbacks: Sequence[Callback]) -> RunSummary:
     """Work on a run under its lock, from where it stands to an end, with new workers when all are lost."""
     run_id = config.run_id
-    return_large_arrays()
     with run_lock(root, run_id), contextlib.ExitStack() as stack:
         withdraw_stop(root, run_id)
         record_settings(root, run_id, config.to_dict(), config.catalogue.durability)

@@ -22,14 +22,14 @@ def _seldom(candidates):
     return np.ascontiguousarray(candidates.genes)[:, 0, 0].view(np.uint64) % np.uint64(199) == 0
 
 
-def dies_of_what_is_quick(candidates, config):
+def dies_seldom(candidates, config):
     """Dies of one in two hundred, whatever is asked about them."""
     if _seldom(candidates).any():
         os.kill(os.getpid(), signal.SIGSEGV)
     return evaluate_candidates(candidates, config)
 
 
-def refuses_what_is_quick(candidates, config):
+def refuses_seldom(candidates, config):
     """Refuses the same genomes, and lives."""
     return _refusing(candidates, config, _seldom(candidates))
 

@@ -32,6 +32,7 @@ from fractal_farm.farm.executor import (
     Trouble,
     WorkLost,
 )
+from fractal_farm.farm.memory import return_large_arrays
 from fractal_farm.farm.on_ray.actors import EVALUATE, ISLAND, LOST, MESHER, WRITER
 from fractal_farm.farm.on_ray.session import Cluster
 from fractal_farm.farm.on_ray.wardens import Wardens
@@ -62,6 +63,7 @@ class RayExecutor:
         cluster: Cluster,
         evaluate: Evaluate = evaluate_candidates,
     ) -> None:
+        return_large_arrays()
         self.workers = cluster.processors
         self._cluster = cluster
         self._evaluate = evaluate
