@@ -10,28 +10,57 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fractal_farm.picture.cloud import cloud_picture
     from fractal_farm.picture.colours import dual_tone, linear_gradient
-    from fractal_farm.picture.metal import mesh_picture
-    from fractal_farm.picture.sheet import design_sheet, render_genome
+    from fractal_farm.picture.metal import mesh_picture, turntable
+    from fractal_farm.picture.morph import morph_genomes, morph_pictures
+    from fractal_farm.picture.scene import compose
+    from fractal_farm.picture.scene_file import load_scene
+    from fractal_farm.picture.scene_files import scene_glb, scene_page
+    from fractal_farm.picture.sheet import captioned_sheet, design_sheet, render_genome
+    from fractal_farm.picture.sweep import paper_sweeps, sweep_pictures, sweep_sheet, swept
     from fractal_farm.picture.view import choose_view
 
 __all__ = [
+    "captioned_sheet",
     "choose_view",
     "cloud_picture",
+    "compose",
     "design_sheet",
     "dual_tone",
     "linear_gradient",
+    "load_scene",
     "mesh_picture",
+    "morph_genomes",
+    "morph_pictures",
+    "paper_sweeps",
     "render_genome",
+    "scene_glb",
+    "scene_page",
+    "sweep_pictures",
+    "sweep_sheet",
+    "swept",
+    "turntable",
 ]
 
 _HOME = {
+    "captioned_sheet": "sheet",
     "choose_view": "view",
     "cloud_picture": "cloud",
+    "compose": "scene",
     "design_sheet": "sheet",
     "dual_tone": "colours",
     "linear_gradient": "colours",
+    "load_scene": "scene_file",
     "mesh_picture": "metal",
+    "morph_genomes": "morph",
+    "morph_pictures": "morph",
+    "paper_sweeps": "sweep",
     "render_genome": "sheet",
+    "scene_glb": "scene_files",
+    "scene_page": "scene_files",
+    "sweep_pictures": "sweep",
+    "sweep_sheet": "sweep",
+    "swept": "sweep",
+    "turntable": "metal",
 }
 
 

@@ -29,6 +29,7 @@ def cloud_picture(
     view: npt.ArrayLike | None = None,
     ground: Colour | None = None,
     point_radius: float | None = None,
+    extent: float | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Draw a cloud, with depth.
 
@@ -39,6 +40,8 @@ def cloud_picture(
         view: (3, 3) rotation, rows right, up and towards the viewer; chosen by `choose_view` if None.
         ground: colour behind the cloud in [0, 1]; dark with a soft light if None.
         point_radius: radius at which points are drawn, in their own unit; by their number if None.
+        extent: how much the picture has room for, in the points' unit, so that several have one scale; the width or
+            height of the cloud as seen if None.
 
     Returns:
         (size, size, 3) uint8.
@@ -55,7 +58,7 @@ def cloud_picture(
     if painted.shape != places.shape:
         raise InputError(f"colours of shape {painted.shape}; give {places.shape}, a colour for each point")
     rotation = choose_view(places) if view is None else np.asarray(view, dtype=np.float64)
-    seen, scale = framed(rotation @ places.T, size)
+    seen, scale = framed(rotation @ places.T, size, extent)
     by_number = math.sqrt(_COVERAGE / len(places)) * size * SUPERSAMPLE
     disc = min(max(by_number if point_radius is None else point_radius * scale, 1.0), _LARGEST_DISC)
     picture = backdrop(size, ground)
@@ -63,15 +66,27 @@ def cloud_picture(
     return to_bytes(picture)
 
 
-def framed(seen: npt.NDArray[np.float64], size: int) -> tuple[npt.NDArray[np.float32], float]:
-    """Points as seen, (3, n), fitted into a square picture: (n, 3) in subpixels, y downwards; and subpixels a unit."""
-    side = size * SUPERSAMPLE
+def framed(
+    seen: npt.NDArray[np.float64], size: int, extent: float | None = None
+) -> tuple[npt.NDArray[np.float32], float]:
+    """Points as seen, (3, n), in a square picture: (n, 3) in subpixels, y downwards; and subpixels a unit.
+
+    They stand in its middle and fit into it, or it has room for `extent`, at least theirs.
+    """
     low, high = seen.min(axis=1), seen.max(axis=1)
-    extent = float((high - low)[:2].max())
+    own = float((high - low)[:2].max())
+    return placed(seen, 0.5 * (low + high), own if extent is None else max(extent, own), size)
+
+
+def placed(
+    seen: npt.NDArray[np.float64], centre: npt.NDArray[np.float64], extent: float, size: int
+) -> tuple[npt.NDArray[np.float32], float]:
+    """As `framed`, for a picture whose middle is `centre` (3,) and that has room for `extent`."""
+    side = size * SUPERSAMPLE
     scale = side * (1.0 - 2.0 * MARGIN) / extent if extent > 0.0 else 1.0
     stretch = np.array([[scale], [-scale], [scale]])
-    placed = (seen - 0.5 * (low + high)[:, None]) * stretch + np.array([[0.5 * side], [0.5 * side], [0.0]])
-    return np.ascontiguousarray(placed.T, dtype=np.float32), scale
+    moved = (seen - centre[:, None]) * stretch + np.array([[0.5 * side], [0.5 * side], [0.0]])
+    return np.ascontiguousarray(moved.T, dtype=np.float32), scale
 
 
 def to_bytes(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:

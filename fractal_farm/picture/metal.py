@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.kernel import kernel
-from fractal_farm.picture.cloud import MAX_SIZE, framed, to_bytes
+from fractal_farm.picture.cloud import MAX_SIZE, framed, placed, to_bytes
 from fractal_farm.picture.colours import Colour
 from fractal_farm.picture.ground import backdrop
 from fractal_farm.picture.splat import SUPERSAMPLE
-from fractal_farm.picture.view import choose_view
+from fractal_farm.picture.view import TILT, choose_view, tilted
 
 Metal = Literal["gold", "silver", "copper", "steel"]
 
@@ -28,6 +28,8 @@ TINTS: dict[str, Colour] = {
     "copper": (0.96, 0.42, 0.24),
     "steel": (0.50, 0.53, 0.58),
 }
+_MARK: Colour = (1.0, 0.08, 0.05)
+_MARK_STRENGTH = 0.8
 _SPHERE = 256
 _NEIGHBOURS = 14
 
@@ -55,6 +57,7 @@ def mesh_picture(
     *,
     view: npt.ArrayLike | None = None,
     ground: Colour | None = None,
+    marked: npt.ArrayLike | None = None,
 ) -> npt.NDArray[np.uint8]:
     """A mesh as metal in a studio.
 
@@ -64,6 +67,7 @@ def mesh_picture(
         metal: "gold", "silver", "copper" or "steel".
         view: (3, 3) rotation, rows right, up and towards the viewer; chosen by default.
         ground: colour behind the mesh, red, green, blue in [0, 1]; by default a dark one with a soft light.
+        marked: (m,) bool, faces that are painted red; none by default.
 
     Returns:
         (size, size, 3) uint8.
@@ -71,20 +75,91 @@ def mesh_picture(
     Raises:
         InputError: an unknown metal or a size out of range.
     """
+    places = _checked(mesh, size, metal)
+    rotation = choose_view(places) if view is None else np.asarray(view, dtype=np.float64)
+    seen, _ = framed(rotation @ places.T, size)
+    return _drawn(mesh, rotation, seen, size, polished_sphere(metal), ground, marked)
+
+
+def turntable(
+    mesh: Mesh, size: int = 256, metal: Metal = "gold", frames: int = 36, *, ground: Colour | None = None
+) -> npt.NDArray[np.uint8]:
+    """A mesh as metal that turns once about the upright axis, at one scale.
+
+    Args:
+        mesh: see `mesh_picture`.
+        size: width and height, pixels, 16 to 8192.
+        metal: see `mesh_picture`.
+        frames: pictures of the whole turn, 2 to 360; after the last comes the first again.
+        ground: see `mesh_picture`.
+
+    Returns:
+        (frames, size, size, 3) uint8; the first frame has the view of `mesh_picture`.
+
+    Raises:
+        InputError: an unknown metal, or a size or number of frames out of range.
+    """
+    places = _checked(mesh, size, metal)
+    if not 2 <= frames <= 360:
+        raise InputError(f"frames is {frames}; give 2 to 360")
+    first = tilted(choose_view(places), -TILT)
+    upright = first @ places.T
+    middle = 0.5 * (upright.min(axis=1) + upright.max(axis=1))
+    offsets = upright - middle[:, None]
+    reach = np.hypot(offsets[0], offsets[2])
+    # The heights of a tilted circle of this reach: room for the whole turn.
+    highest = (np.abs(offsets[1]) * math.cos(TILT) + reach * math.sin(TILT)).max()
+    extent = 2.0 * float(max(reach.max(), highest))
+    sphere = polished_sphere(metal)
+    pictures = []
+    for angle in np.linspace(0.0, 2.0 * math.pi, frames, endpoint=False):
+        rotation = tilted(_swung(first, angle))
+        seen, _ = placed(rotation @ (places - first.T @ middle).T, np.zeros(3), extent, size)
+        pictures.append(_drawn(mesh, rotation, seen, size, sphere, ground))
+    return np.stack(pictures)
+
+
+def _checked(mesh: Mesh, size: int, metal: Metal) -> npt.NDArray[np.float64]:
+    """The vertices, if there is something to draw and a way to."""
     if metal not in TINTS:
         raise InputError(f"metal is {metal!r}; choose one of {', '.join(TINTS)}")
     if not 16 <= size <= MAX_SIZE:
         raise InputError(f"size is {size}; give 16 to {MAX_SIZE} pixels")
-    places = np.asarray(mesh.vertices, dtype=np.float64)
-    rotation = choose_view(places) if view is None else np.asarray(view, dtype=np.float64)
-    seen, _ = framed(rotation @ places.T, size)
+    return np.asarray(mesh.vertices, dtype=np.float64)
+
+
+def _swung(view: npt.NDArray[np.float64], angle: float) -> npt.NDArray[np.float64]:
+    """The view after the piece has turned about the axis that is up in it."""
+    c, s = math.cos(angle), math.sin(angle)
+    other: npt.NDArray[np.float64] = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]) @ view
+    return other
+
+
+def _drawn(
+    mesh: Mesh,
+    rotation: npt.NDArray[np.float64],
+    seen: npt.NDArray[np.float32],
+    size: int,
+    sphere: npt.NDArray[np.float32],
+    ground: Colour | None,
+    marked: npt.ArrayLike | None = None,
+) -> npt.NDArray[np.uint8]:
+    """The picture of vertices that are in their places, (n, 3) subpixels."""
     normals = (np.asarray(mesh.vertex_normals) @ rotation.T).astype(np.float32)
     pixels = size * SUPERSAMPLE
     depth = np.full((pixels, pixels), -np.inf, np.float32)
     facing = np.zeros((pixels, pixels, 2), np.float32)
-    _rasterise(seen, normals, np.asarray(mesh.faces, dtype=np.int64), depth, facing)
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    _rasterise(seen, normals, faces, depth, facing)
     picture = backdrop(size, ground)
-    _shade(depth, facing, polished_sphere(metal), _neighbours(pixels), picture)
+    _shade(depth, facing, sphere, _neighbours(pixels), picture)
+    if marked is not None:
+        nearest = np.full_like(depth, -np.inf)
+        _rasterise(seen, normals, faces[np.asarray(marked, dtype=bool)], nearest, facing)
+        # Drawn alone they have the very depth that they had among all, where nothing hid them.
+        shown = (nearest == depth) & (depth > -np.inf)
+        share = shown.reshape(size, SUPERSAMPLE, size, SUPERSAMPLE).mean(axis=(1, 3), dtype=np.float32)[..., None]
+        picture += _MARK_STRENGTH * share * (np.asarray(_MARK, dtype=np.float32) - picture)
     return to_bytes(picture)
 
 

@@ -16,7 +16,9 @@ from fractal_farm.picture.points import display_points
 
 _GUTTER = 10
 _CAPTION = 28
+_LABEL = 30
 _INK = (158, 164, 178)
+_LABEL_INK = (222, 226, 234)
 _POINTS_A_PIXEL = 0.6
 
 
@@ -64,20 +66,53 @@ def design_sheet(
     Raises:
         InputError: no designs, no columns, or arguments out of range.
     """
-    if not designs:
-        raise InputError("no designs to draw; choose at least one")
+    return captioned_sheet(
+        [(render_genome(genome, tile, colouring=colouring), caption) for genome, caption in designs], columns
+    )
+
+
+def captioned_sheet(pictures: Sequence[tuple[Image.Image, str]], columns: int = 6) -> Image.Image:
+    """Square pictures of one size, each with its caption under it.
+
+    Args:
+        pictures: with their captions, in reading order.
+        columns: pictures in a row, at least 1.
+
+    Raises:
+        InputError: no pictures, or no columns.
+    """
     if columns < 1:
         raise InputError(f"columns is {columns}; give at least 1")
-    columns = min(columns, len(designs))
-    rows = -(-len(designs) // columns)
+    return labelled_rows([("", pictures[start : start + columns]) for start in range(0, len(pictures), columns)])
+
+
+def labelled_rows(rows: Sequence[tuple[str, Sequence[tuple[Image.Image, str]]]]) -> Image.Image:
+    """Rows of square pictures of one size, each picture with its caption under it, a row with its label above it.
+
+    Args:
+        rows: labels, which may be empty, and pictures with their captions, from top to bottom.
+
+    Raises:
+        InputError: no pictures.
+    """
+    if not rows or not rows[0][1]:
+        raise InputError("no designs to draw; choose at least one")
+    tile = rows[0][1][0][0].width
+    columns = max(len(pictures) for _, pictures in rows)
     step = tile + _GUTTER
+    height = sum(step + _CAPTION + (_LABEL if label else 0) for label, _ in rows)
     ground = tuple(int(255 * value + 0.5) for value in NIGHT)
-    sheet = Image.new("RGB", (columns * step + _GUTTER, rows * (step + _CAPTION) + _GUTTER), ground)
+    sheet = Image.new("RGB", (columns * step + _GUTTER, height + _GUTTER), ground)
     draw = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(13)
-    for index, (genome, caption) in enumerate(designs):
-        left = _GUTTER + (index % columns) * step
-        top = _GUTTER + (index // columns) * (step + _CAPTION)
-        sheet.paste(render_genome(genome, tile, colouring=colouring), (left, top))
-        draw.text((left + tile / 2, top + tile + _CAPTION / 2 - 2), caption, _INK, font, anchor="mm")
+    top = _GUTTER
+    for label, pictures in rows:
+        if label:
+            draw.text((_GUTTER, top + _LABEL / 2 - 2), label, _LABEL_INK, ImageFont.load_default(16), anchor="lm")
+            top += _LABEL
+        for index, (picture, caption) in enumerate(pictures):
+            left = _GUTTER + index * step
+            sheet.paste(picture, (left, top))
+            draw.text((left + tile / 2, top + tile + _CAPTION / 2 - 2), caption, _INK, font, anchor="mm")
+        top += step + _CAPTION
     return sheet
