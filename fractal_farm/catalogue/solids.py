@@ -18,10 +18,12 @@ from fractal_farm.catalogue.layout import SOLIDS, crc32c
 from fractal_farm.errors import FarmError, InputError
 
 FACTS = "solid.json"
+CERTIFICATE = "certificate.json"
 CHECKSUMS = "checksums.json"
 
 _ID = re.compile(r"[0-9a-f]{32}")
 _HASH = re.compile(r"[0-9A-Za-z_-]{1,64}")
+_FINDING = {"severity", "what", "how_much", "remedy"}
 _FILE = re.compile(r"[0-9A-Za-z_-][0-9A-Za-z._-]{0,127}")
 
 
@@ -40,6 +42,24 @@ class SolidInfo:
     parameters_hash: str
     files: dict[str, Path]
     facts: dict[str, Any]
+
+    @property
+    def certificate(self) -> dict[str, Any] | None:
+        """What `farm certify --json` says of it; None of a solid of an earlier version, which has none.
+
+        Raises:
+            FarmError: it cannot be read.
+        """
+        path = self.files.get(CERTIFICATE)
+        if path is None:
+            return None
+        try:
+            told = opened_certificate(path.read_bytes(), self.design_id)
+        except OSError as error:
+            raise FarmError(f"{path}: {error.strerror}") from error
+        if told is None:
+            raise FarmError(f"{path}: is no certificate of this design; `farm verify --repair` makes the solid again")
+        return told
 
 
 def add_solid(
@@ -60,6 +80,23 @@ def add_solid(
     checksums = {name: {"bytes": len(data), "crc32c": crc32c(data)} for name, data in files.items()}
     whole = {**files, CHECKSUMS: encoded_document({"files": checksums})}
     return put_directory(root / SOLIDS / design_id / parameters_hash, whole, durability)
+
+
+def opened_certificate(content: bytes, design_id: str) -> dict[str, Any] | None:
+    """A stored certificate; None if it is none, or that of another design."""
+    try:
+        told = json.loads(content)
+    except ValueError:
+        return None
+    sound = (
+        isinstance(told, dict)
+        and told.get("verdict") in ("pass", "fail")
+        and told.get("design_id") == design_id
+        and isinstance(told.get("material"), str)
+        and isinstance(told.get("findings"), list)
+        and all(isinstance(found, dict) and found.keys() >= _FINDING for found in told["findings"])
+    )
+    return told if sound else None
 
 
 def list_solids(root: Path, design_id: str | None = None) -> Iterator[SolidInfo]:

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fractal_farm.solid.files import FORMATS, solid_files
     from fractal_farm.solid.parameters import SolidParameters
-    from fractal_farm.solid.pipeline import solidify
+    from fractal_farm.solid.pipeline import make_solid, solidify
+    from fractal_farm.solid.presets import preset
 
-__all__ = ["FORMATS", "SolidParameters", "solid_files", "solidify"]
+__all__ = ["FORMATS", "SolidParameters", "make_solid", "preset", "solid_files", "solidify"]
 
 _HOME = {
     "FORMATS": "files",
     "SolidParameters": "parameters",
+    "make_solid": "pipeline",
+    "preset": "presets",
     "solid_files": "files",
     "solidify": "pipeline",
 }

@@ -39,12 +39,16 @@ def make_one_body(field: npt.NDArray[np.float32]) -> BodyReport:
     labels, bodies = ndimage.label(inside)
     share = 1.0
     if bodies > 1:
-        sizes = np.bincount(labels.ravel())
+        # A slice at a time, since each is turned into integers of twice the size.
+        sizes = np.zeros(bodies + 1, np.int64)
+        for part in labels:
+            sizes += np.bincount(part.ravel(), minlength=bodies + 1)
         sizes[0] = 0
         largest = int(sizes.argmax())
         share = float(sizes[largest] / sizes.sum())
         inside &= labels != largest
         field[inside] = _BEYOND
+    del labels  # as large as the field; there are as many again below
     np.greater_equal(field, 0.0, out=inside)
     outside, spaces = ndimage.label(inside)
     if spaces > 1:

@@ -26,12 +26,13 @@ from fractal_farm.ifs.genome import Genome
 from fractal_farm.ifs.kernel import kernel
 from fractal_farm.ifs.random_iteration import system_of
 from fractal_farm.ifs.support import longest_side
+from fractal_farm.solid.materials import material
 from fractal_farm.solid.parameters import SolidParameters
 from fractal_farm.solid.plan import plan_solid
 
 STANDARD = SolidParameters(size_mm=30.0, wall_mm=0.8)
 """The solid that the catalogue's estimates are of, whatever a run makes: so all rows compare."""
-SILVER = 10.36e-3  # g/mm^3, sterling silver as cast
+SILVER = material("silver").grams(1.0)
 
 _SEARCHED = 2.0  # edge of a voxel in units of r where a cover needs too many words, which is where solids are dense
 _REACH = 0.6  # of a point of the cover, in voxels
@@ -61,7 +62,9 @@ class SolidEstimate(NamedTuple):
 
 
 def estimate_solid(genome: Genome, gap: float, parameters: SolidParameters = STANDARD) -> SolidEstimate:
-    """Volume and box of the solid that `make_solid` would make.
+    """Volume and box of the solid that `make_solid` would make, without what is taken away or put on.
+
+    Struts, hollows, base, bail and sprue are left out.
 
     Args:
         genome: a valid genome.

@@ -1,32 +1,29 @@
-"""A solid as files: GLB, STL, PLY, and the sidecar `solid.json` that says what they are.
+"""A solid as files: GLB, 3MF, STL, PLY, OBJ, and the sidecar `solid.json` that says what they are.
 
-GLB carries the genome and all facts in its extras; by the format's rules it is Y up and in metres. STL and PLY are
-Z up and in mm, with the design's identity in their header.
+GLB carries the genome and all facts in its extras; by the format's rules it is Y up and in metres. The others are Z up
+and in mm; 3MF carries the facts as metadata, PLY and OBJ as comments, STL names the design in its header.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from fractal_farm import __version__
 from fractal_farm.errors import InputError
+from fractal_farm.ifs.design_code import design_code
 from fractal_farm.ifs.genome import Genome, as_genome
 from fractal_farm.solid.certificate import certificate
+from fractal_farm.solid.formats import glb, obj, ply, stl, three_mf
 from fractal_farm.solid.parameters import SolidParameters
 from fractal_farm.solid.pipeline import make_solid
 
-FORMATS = ("glb", "stl", "ply")
+FORMATS = ("glb", "3mf", "stl", "ply", "obj")
 SIDECAR = "solid.json"
-
-_METRES_Y_UP = np.array([[1e-3, 0.0, 0.0, 0.0], [0.0, 0.0, 1e-3, 0.0], [0.0, -1e-3, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-_SILVER = {"name": "silver", "baseColorFactor": [0.86, 0.87, 0.89, 1.0], "metallicFactor": 1.0, "roughnessFactor": 0.3}
-_PLY_COMMENT = b"comment https://github.com/mikedh/trimesh\n"
-_STL_HEADER = 80
 
 
 def solid_files(
@@ -41,7 +38,8 @@ def solid_files(
         genome: a `Genome` or an (N, 7) array.
         parameters: of the solid; the defaults of `SolidParameters` if None.
         formats: any of `FORMATS`.
-        metadata: further facts, fit for JSON, that go into the sidecar and the GLB; they do not replace measured ones.
+        metadata: further facts, fit for JSON, that go into the sidecar and all files but STL; "licence" (an SPDX
+            identifier) and "designer" have their own place in 3MF. They do not replace measured ones.
 
     Returns:
         File name -> content: "solid.<format>" for each format, and "solid.json".
@@ -75,27 +73,11 @@ def check_formats(formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def _made_of(mesh: trimesh.Trimesh) -> dict[str, Any]:
-    return {key: value for key, value in mesh.metadata.items() if not key.startswith("_")}
+    """What is known of the making of a mesh, fit for JSON."""
+    facts = {key: value for key, value in mesh.metadata.items() if not key.startswith("_")}
+    if "design_id" in facts:
+        facts["design_code"] = design_code(facts["design_id"])
+    return {**facts, "software": "Fractal Farm", "software_version": __version__}
 
 
-def _glb(mesh: trimesh.Trimesh, facts: dict[str, Any]) -> bytes:
-    copy = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    copy.apply_transform(_METRES_Y_UP)
-    copy.metadata.update({**facts, "units": "m", "up": "y"})
-    copy.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(**_SILVER))
-    return cast(bytes, copy.export(file_type="glb", include_normals=True))
-
-
-def _stl(mesh: trimesh.Trimesh, facts: dict[str, Any]) -> bytes:
-    content = cast(bytes, mesh.export(file_type="stl"))
-    header = f"fractal_farm {facts.get('design_id', '')} mm z-up".encode()[:_STL_HEADER]
-    return header.ljust(_STL_HEADER) + content[_STL_HEADER:]
-
-
-def _ply(mesh: trimesh.Trimesh, facts: dict[str, Any]) -> bytes:
-    content = cast(bytes, mesh.export(file_type="ply", encoding="binary"))
-    comment = f"comment fractal_farm {facts.get('design_id', '')} mm z-up\n".encode()
-    return content.replace(_PLY_COMMENT, comment, 1)
-
-
-_WRITERS = {"glb": _glb, "stl": _stl, "ply": _ply}
+_WRITERS = {"glb": glb.write, "3mf": three_mf.write, "stl": stl.write, "ply": ply.write, "obj": obj.write}

@@ -2,7 +2,7 @@
 
 The solid is the set of points within r of the attractor scaled to S mm, S + 2 r = size. It is one body when 2 r is at
 least gap x S, and where two balls of radius r meet across a gap their neck is sqrt((2 r)^2 - gap^2) thick. So 2 r =
-hypot(wall, gap), if it may grow, leaves no neck thinner than the wall.
+hypot(wall, gap), if it may grow, leaves no neck thinner than the wall. Bridges (`struts`) join what the wall does not.
 """
 
 from __future__ import annotations
@@ -40,9 +40,11 @@ def plan_solid(gap: float, parameters: SolidParameters, name: str) -> SolidPlan:
         name: of the design, for the message.
 
     Raises:
-        FarmError: the design would fall apart and `thicken` is off; says what would pass.
+        FarmError: the design would fall apart, and neither may it thicken nor has it bridges; says what would pass.
     """
     size, wall = parameters.size_mm, parameters.wall_mm
+    if parameters.bridges:
+        return SolidPlan(size - wall, 0.5 * wall, False)
     if parameters.thicken:
         # (size - S)^2 = wall^2 + gap^2 S^2, the smaller root, written without cancellation
         both = size * size - wall * wall
@@ -55,7 +57,7 @@ def plan_solid(gap: float, parameters: SolidParameters, name: str) -> SolidPlan:
         raise FarmError(
             f"design {name} falls apart at {size:g} mm with a wall of {wall:g} mm, its pieces are "
             f"{gap * attractor:.2f} mm apart: wall >= {_up(least_wall)} mm, or size <= {_down(largest_size)} mm, "
-            "or thicken"
+            "or thicken, or bridges"
         )
     return SolidPlan(attractor, 0.5 * wall, False)
 

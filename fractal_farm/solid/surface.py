@@ -14,9 +14,10 @@ import numpy.typing as npt
 from skimage.measure import marching_cubes
 
 from fractal_farm.errors import FarmError
+from fractal_farm.solid.progress import Begin, ignore
 from fractal_farm.solid.voxels import Grid
 
-SIMPLIFY_VOXELS = 0.125
+SIMPLIFY_VOXELS = 0.0625
 
 
 @dataclass(frozen=True)
@@ -34,18 +35,21 @@ class Surface:
     genus: int
 
 
-def surface_of(field: npt.NDArray[np.float32], grid: Grid) -> Surface:
+def surface_of(field: npt.NDArray[np.float32], grid: Grid, begin: Begin = ignore) -> Surface:
     """The surface where the field passes through 0.
 
     Args:
         field: signed distance in voxels, negative inside.
         grid: where its samples lie.
+        begin: told of the stages, see `progress`.
 
     Raises:
         FarmError: the surface is not a solid (a bug, or a field without inside).
     """
+    begin("marching cubes")
     corners, faces, _, _ = marching_cubes(field, 0.0)
     corners = (corners * grid.spacing + grid.origin).astype(np.float32)
+    begin("simplify")
     solid = manifold3d.Manifold(manifold3d.Mesh(corners, faces.astype(np.uint32)))
     solid = solid.simplify(SIMPLIFY_VOXELS * grid.spacing)
     bodies = solid.decompose()

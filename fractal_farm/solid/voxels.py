@@ -18,9 +18,11 @@ from fractal_farm.ifs.kernel import kernel
 
 MARGIN = 4.0
 _BAND = 2.0
-_LOSS = 0.7
-_SMOOTHING = 0.75
+_LOSS = 0.4
+_SMOOTHING = 0.5
 _SAG = 0.06
+_OUTWARD = 0.4
+_FILLED = 0.2
 
 
 class Grid(NamedTuple):
@@ -59,30 +61,35 @@ class Skeleton(NamedTuple):
     fixed: npt.NDArray[np.float64]
 
 
-def grid_around(box: npt.NDArray[np.float64], radius: float, spacing: float) -> Grid:
-    """The grid that holds all balls of `radius` about points of `box` (2, 3), mm, with a margin of MARGIN voxels."""
-    pad = radius + MARGIN * spacing
+def grid_around(box: npt.NDArray[np.float64], radius: float, spacing: float, room: float = 0.0) -> Grid:
+    """The grid that holds all balls of `radius` about points of `box` (2, 3), mm.
+
+    It has a margin of MARGIN voxels and `room` mm.
+    """
+    pad = radius + MARGIN * spacing + room
     size = np.ceil((box[1] - box[0] + 2.0 * pad) / spacing).astype(int) + 1
     cell = max(1.0, math.sqrt(8.0 * _SAG * radius / spacing))
     return Grid(box[0] - pad, spacing, (int(size[0]), int(size[1]), int(size[2])), radius / spacing, cell)
 
 
-def distance_field(skeleton: Skeleton, grid: Grid) -> npt.NDArray[np.float32]:
+def distance_field(skeleton: Skeleton, grid: Grid, beyond: float = 0.0) -> npt.NDArray[np.float32]:
     """Distance to the surface of the union of balls about points, negative inside.
 
     The field is smoothed over less than a voxel: that closes pinholes and creases between balls which no printer could
-    make. The balls are a fraction of a voxel larger than asked for, which is what smoothing, notches between balls and
-    the corners that marching cubes cuts take away from a wire, the more the thinner it is.
+    make, and moves the surface outward by _OUTWARD at most, the growth of the balls included, or by _FILLED more than
+    that growth. The balls are a fraction of a voxel larger than asked for, which is what smoothing, notches between
+    balls and the corners that marching cubes cuts take away from a wire, the more the thinner it is.
 
     Args:
         skeleton: what the balls are about; inside of the box that the grid was made for.
         grid: see `grid_around`.
+        beyond: voxels outside of the surface in which distances are needed too; the grid has as much room.
 
     Returns:
         `grid.shape` float32, in voxels; never exactly 0, where marching cubes could tear the surface.
     """
     radius = grid.radius + _SAG + _LOSS / grid.radius
-    reach = radius + _BAND
+    reach = radius + _BAND + beyond
     scale = 1.0 / grid.spacing
     taken = np.zeros(tuple(int(n / grid.cell) + 3 for n in grid.shape), np.bool_)
     field = np.full(grid.shape, reach * reach, np.float32)
@@ -90,7 +97,10 @@ def distance_field(skeleton: Skeleton, grid: Grid) -> npt.NDArray[np.float32]:
     kept = _one_per_cell(skeleton.points, grid.origin, scale, grid.cell, taken)
     _splat(_drop_interior(kept, grid.cell, taken, field), reach, field)
     _to_signed_distance(radius, field)
-    ndimage.gaussian_filter(field, _SMOOTHING, truncate=2.5, output=field)
+    # The distance changes by as much as the surface moves, so the greater of the two bounds the way outward.
+    smooth = ndimage.gaussian_filter(field, _SMOOTHING, truncate=2.5)
+    field -= np.float32(max(_OUTWARD - _SAG - _LOSS / grid.radius, _FILLED))
+    np.maximum(field, smooth, out=field)
     _leave_zero(field)
     return field
 

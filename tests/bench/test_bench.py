@@ -2,14 +2,18 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from fractal_farm.bench import peers, throughput
 from fractal_farm.bench.ceilings import measure_ceilings
-from fractal_farm.bench.genomes import random_genomes
+from fractal_farm.bench.genomes import TABLE1, random_genomes
 from fractal_farm.bench.peer_rules import d0_by_rules, d2_by_rules
+from fractal_farm.bench.solids import STAGES as SOLID_STAGES
+from fractal_farm.bench.solids import measure_solids
 from fractal_farm.bench.stages import measure_stages
 from fractal_farm.bench.stopwatch import load, shortest, this_machine
 from fractal_farm.bench.truth import classic
@@ -93,3 +97,24 @@ def test_every_bound_of_the_design_is_kept(capsys):
     report = json.loads(capsys.readouterr().out)
     assert len(report["bounds"]) >= 18
     assert all(bound["met"] for bound in report["bounds"])
+
+
+def test_table_1_is_that_of_the_configuration():
+    held = yaml.safe_load((Path(__file__).parents[2] / "configs" / "table1.yaml").read_text())
+    assert held["genomes"] == TABLE1
+
+
+def test_a_solid_is_measured_by_stages_in_a_process_of_its_own():
+    heard = []
+    (cost,) = measure_solids(heard.append, ("06447",), (150,))
+    assert heard == ["farm bench: 06447 at 150 voxels"]
+    assert tuple(cost.seconds) == SOLID_STAGES
+    assert all(seconds >= 0 for seconds in cost.seconds.values())
+    assert cost.total == pytest.approx(sum(cost.seconds.values()))
+    assert 50e6 < cost.peak_bytes <= cost.predicted_bytes < 4e9
+    assert cost.cover == "cut set"
+
+
+def test_two_kinds_of_measurement_at_once_are_refused(capsys):
+    assert main(["bench", "--farm", "--solids"]) == 2
+    assert "--farm and --solids" in capsys.readouterr().err

@@ -1,7 +1,11 @@
+import hashlib
+import json
+
 import pytest
 
 from fractal_farm.errors import InputError
 from fractal_farm.solid import SolidParameters
+from fractal_farm.solid.parameters import PIPELINE_VERSION
 
 
 def test_the_hash_tells_parameters_apart_and_equal_ones_not():
@@ -9,6 +13,17 @@ def test_the_hash_tells_parameters_apart_and_equal_ones_not():
     others = [SolidParameters(31), SolidParameters(wall_mm=0.9), SolidParameters(resolution=200)]
     others += [SolidParameters(thicken=False)]
     assert len({each.hash for each in [SolidParameters(), *others]}) == 5
+
+
+def test_a_solid_without_a_feature_is_called_what_it_was_before_there_were_any():
+    # What was hashed before there were features: four numbers and the version.
+    asked = {"size_mm": 30.0, "wall_mm": 0.8, "resolution": 180, "thicken": True}
+    content = json.dumps([PIPELINE_VERSION, asked], sort_keys=True).encode()
+    assert SolidParameters().hash == hashlib.blake2b(content, digest_size=8, person=b"farm-solid-1").hexdigest()
+    features = {"bridges": True, "closing_mm": 0.3, "shell_mm": 1.0, "base": "plate", "bail": "ring", "sprue": True}
+    made = [SolidParameters(**{name: value}) for name, value in features.items()]
+    assert len({each.hash for each in [SolidParameters(), *made]}) == 1 + len(features)
+    assert made[0].asked_for == {**asked, "bridges": True}
 
 
 def test_the_resolution_grows_with_what_the_wall_needs():

@@ -120,4 +120,7 @@ def test_a_symmetric_solid_is_one_body_of_the_size_asked_for_and_moved_onto_itse
     for copy in system.copies[: system.n_copies[0]].reshape(-1, 3, 4):
         # Centred on its mass, which every isometry of the shape keeps where it is.
         moved = (mesh.vertices - mesh.center_mass) @ copy[:, :3].T + mesh.center_mass
-        assert surface.query(moved)[0].max() < 2.0 * mesh.metadata["voxel_mm"]
+        away = surface.query(moved)[0] / mesh.metadata["voxel_mm"]
+        # A pinhole of a voxel may be open in one copy and closed in another, which lies otherwise in the grid.
+        assert np.quantile(away, 0.999) < 2.0
+        assert away.max() < 4.0
