@@ -20,6 +20,8 @@ from fractal_farm.errors import InputError
 from fractal_farm.genome_file import PhenotypeSection, genome_from, load_genomes, seed_genomes
 from fractal_farm.ifs.genome import MAX_MAPS
 from fractal_farm.ifs.symmetry import ALLOWED, NO_SYMMETRY, symmetry_code
+from fractal_farm.solid.parameters import SolidParameters
+from fractal_farm.solid.presets import presets, solid_values
 from fractal_farm.untrusted import Section, explain, override_value, read_yaml, shown
 
 __all__ = ["RunConfig", "load_genomes"]
@@ -84,7 +86,10 @@ class CrossoverConfig(Section):
     """Crossover of two parents (eq 3.5)."""
 
     probability: Probability = Field(0.75, description="share of offspring that are crossed")
-    kind: Literal["block"] = Field("block", description="block: the first rows and columns change places")
+    kind: Literal["block", "sequence"] = Field(
+        "block",
+        description="block: the first rows and columns change places; sequence: all numbers before a point, row by row",
+    )
 
 
 class MutationConfig(Section):
@@ -92,6 +97,11 @@ class MutationConfig(Section):
 
     probability: Probability = Field(0.5, description="of each allele")
     sigma: float = Field(1.0, gt=0, le=10, description="standard deviation of what is added to an allele")
+    repair: Literal["reflect", "clip", "refuse"] = Field(
+        "reflect",
+        description="of what left its range: rho is reflected and angles wrap, or both are clipped; refuse: a rho "
+        "that does not contract gets no score",
+    )
 
 
 class MigrationConfig(Section):
@@ -212,6 +222,10 @@ class EvolutionConfig(Section):
             symmetry_code(name, "evolution.symmetries")
         if abs(sum(self.symmetries.values()) - 1.0) > 1e-9:
             raise ValueError(f"symmetries is {shown(self.symmetries)}; allowed: shares whose sum is 1")
+        if self.mutation.repair == "refuse" and (self.method == "niches" or self.similarity_dimension is not None):
+            raise ValueError(
+                "mutation.repair refuse foresees nothing: set similarity_dimension null, and a method but niches"
+            )
         if self.elimination > self.qualified:
             raise ValueError(f"elimination {self.elimination} is above qualified {self.qualified}; lower it")
         bounds = self.similarity_dimension
@@ -288,21 +302,71 @@ class SolidsConfig(Section):
 
     mesh: Literal["qualified"] = Field("qualified", description="which designs are meshed")
     max: Annotated[int, Field(ge=0)] | None = Field(200, description="meshes a run makes; null: every qualified design")
-    size_mm: float = Field(30.0, ge=1, le=1000, description="longest side of the finished solid, millimetres")
-    wall_mm: float = Field(0.8, gt=0, le=100, description="thinnest wall, millimetres")
-    formats: Annotated[tuple[Literal["glb", "stl", "ply"], ...], Strict(False), Field(min_length=1)] = Field(
-        ("glb", "stl"), description="files for each mesh"
+    preset: str | None = Field(
+        None, description="purpose and material, such as pendant-silver; the fields below go before it; null: none"
+    )
+    size_mm: Annotated[float, Field(ge=1, le=1000)] | None = Field(
+        None, description="longest side without base, bail and sprue, millimetres; null: the preset's, or 30"
+    )
+    wall_mm: Annotated[float, Field(gt=0, le=100)] | None = Field(
+        None, description="thinnest wall, millimetres; null: the preset's, or 0.8"
+    )
+    thicken: bool | None = Field(None, description="let the wall grow until all pieces meet; null: yes")
+    bridges: bool | None = Field(None, description="join pieces that lie apart by struts; null: the preset's, or no")
+    closing_mm: Annotated[float, Field(ge=0, le=250)] | None = Field(
+        None, description="radius below which creases are filled, millimetres; null: the preset's, or 0"
+    )
+    shell_mm: Annotated[float, Field(ge=0, le=250)] | None = Field(
+        None, description="shell that stays where a solid is hollowed, millimetres; null: the preset's, or 0, solid"
+    )
+    shell_above_mm: Annotated[float, Field(gt=0, le=1000)] | None = Field(
+        None, description="thickness above which it is hollowed, millimetres; null: the material's, or 4"
+    )
+    drain_mm: Annotated[float, Field(gt=0, le=100)] | None = Field(
+        None, description="diameter of the holes into hollows, millimetres; null: the preset's, or 2"
+    )
+    base: Literal["none", "plate", "stand"] | None = Field(
+        None, description="what it stands on; null: the preset's, or none"
+    )
+    bail: Literal["none", "ring"] | None = Field(None, description="what it hangs by; null: the preset's, or none")
+    bail_hole_mm: Annotated[float, Field(ge=0.5, le=20)] | None = Field(
+        None, description="inner diameter of the ring, millimetres; null: the preset's, or 3"
+    )
+    sprue: bool | None = Field(None, description="a cone for casting, below; null: the preset's, or no")
+    formats: Annotated[tuple[Literal["glb", "3mf", "stl", "ply", "obj"], ...], Strict(False), Field(min_length=1)] = (
+        Field(("glb", "stl"), description="files for each mesh")
     )
 
     @model_validator(mode="after")
     def _wall_fits(self) -> SolidsConfig:
-        # A solid has up to 400 voxels along its longest side and at least 3 in a wall.
-        low, high = self.size_mm * 3 / 400, self.size_mm / 3
-        if not low <= self.wall_mm < high:
-            raise ValueError(f"wall_mm is {self.wall_mm}; allowed at this size_mm: from {low:.3g} to below {high:.3g}")
+        try:
+            values = solid_values(self.preset, **self._given)
+            # A solid has up to 400 voxels along its longest side and at least 3 in a wall.
+            size = values.get("size_mm", SolidParameters.size_mm)
+            wall = values.get("wall_mm", SolidParameters.wall_mm)
+            low, high = size * 3 / 400, size / 3
+            if not low <= wall < high:
+                raise ValueError(f"wall_mm is {wall}; allowed at this size_mm: from {low:.3g} to below {high:.3g}")
+            SolidParameters(**values)
+        except InputError as error:
+            raise ValueError(str(error)) from None
         if len(set(self.formats)) < len(self.formats):
             raise ValueError(f"formats is {shown(self.formats)}; name each format once")
         return self
+
+    @property
+    def parameters(self) -> SolidParameters:
+        """What the solids of the run shall be: the preset's, and what is given before it."""
+        return SolidParameters(**solid_values(self.preset, **self._given))
+
+    @property
+    def material(self) -> str:
+        """What the certificates of the solids are for: the preset's material, or silver."""
+        return "silver" if self.preset is None else presets()[self.preset].material.name
+
+    @property
+    def _given(self) -> dict[str, Any]:
+        return self.model_dump(exclude={"mesh", "max", "preset", "formats"})
 
 
 class RunConfig(Section):
@@ -359,6 +423,8 @@ class RunConfig(Section):
             del evolution["symmetries"]
         if not evolution["library"]["seed_symmetries"]:
             del evolution["library"]["seed_symmetries"]
+        if evolution["mutation"]["repair"] == "reflect":  # nor since there are other repairs
+            del evolution["mutation"]["repair"]
         identity = {"version": IDENTITY_VERSION, "evolution": evolution}
         text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.blake2b(text.encode(), digest_size=8, person=b"farm-run").hexdigest()

@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from fractal_farm.config import EvolutionConfig, RunConfig, load_genomes
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.genome import Phenotype
+from fractal_farm.solid.parameters import SolidParameters
+from fractal_farm.solid.presets import preset as solid_preset
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 PRESETS = ("quickstart", "paper", "overnight")
@@ -69,8 +71,12 @@ def refusal(directory: Path, text: str, *overrides: str) -> str:
         ("execution: {workers: 0}", "execution.workers", "0", "from 1"),
         ("execution: {executor: serial, address: auto}", "address", "'auto'", "executor ray"),
         ("catalogue: {durability: none}", "catalogue.durability", "'none'", "full or process"),
-        ("solids: {formats: [obj]}", "solids.formats.0", "'obj'", "glb, stl or ply"),
+        ("solids: {formats: [step]}", "solids.formats.0", "'step'", "glb, 3mf, stl, ply or obj"),
         ("solids: {formats: [glb, glb]}", "formats", "[glb, glb]".replace("glb", "'glb'"), "once"),
+        ("solids: {preset: pendant-lead}", "preset", "'pendant-lead'", "choose from pendant-silver"),
+        ("solids: {base: foot}", "base", "'foot'", "none, plate"),
+        ("solids: {shell_mm: 0.1}", "shell_mm", "0.1", "at least wall_mm"),
+        ("solids: {preset: desk-nylon, sprue: true}", "sprue", "plate", "leave one out"),
         ("solids: {wall_mm: 10}", "wall_mm", "10", "from 0.225 to below 10"),
         ("name: ../elsewhere", "name", "'../elsewhere'", "letters, digits"),
     ],
@@ -147,6 +153,17 @@ def test_any_override_is_accepted_or_refused_in_one_line(text: str) -> None:
         except InputError as error:
             message = str(error)
         assert "\n" not in message
+
+
+def test_solids_follow_a_preset_and_what_is_given_goes_before_it() -> None:
+    config = RunConfig.from_dict({"solids": {"preset": "pendant-gold", "size_mm": 28.0, "bail": "none"}})
+    assert config.solids.parameters == solid_preset("pendant-gold", size_mm=28.0, bail="none")
+    assert RunConfig().solids.parameters == SolidParameters()
+    # Solids are no part of a run's identity.
+    assert config.run_id == RunConfig().run_id
+    stored = json.loads(json.dumps(config.to_dict()))
+    other = RunConfig.from_dict(stored, overrides=["solids.preset=desk-nylon"])
+    assert other.solids.parameters.base == "plate"
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -237,8 +254,9 @@ OTHER_VALUES: dict[str, Any] = {
     "seed": 1, "method": "random", "islands": 3, "generations_per_epoch": 1, "offspring": 7, "elimination": 0.1,
     "qualified": 0.9, "similarity_dimension": None, "library.size": 9, "library.growth": "append",
     "library.seeds": [VALID_ROWS], "library.map_counts": {2: 1.0}, "crossover.probability": 0.1,
-    "mutation.probability": 0.1, "mutation.sigma": 0.5, "migration.topology": "full", "migration.degree": 1,
-    "migration.lag": 2, "migration.emigrants": 1, "migration.selection": "random", "migration.replacement": "worst",
+    "mutation.probability": 0.1, "mutation.sigma": 0.5, "mutation.repair": "clip", "crossover.kind": "sequence",
+    "migration.topology": "full", "migration.degree": 1, "migration.lag": 2, "migration.emigrants": 1,
+    "migration.selection": "random", "migration.replacement": "worst",
     "phenotype.family": "affine", "phenotype.points": 1000, "phenotype.influence": 2.0,
     "phenotype.map_form": "rho R x + d", "phenotype.rotation_sign": -1, "fitness.amplitude": 1.0,
     "niches.capacity": 9, "niches.gap": 0.1, "niches.crossover": 0.1, "niches.probabilities": [0.1],
@@ -261,7 +279,7 @@ def test_run_id_depends_on_every_field_of_evolution() -> None:
         for name, field in EvolutionConfig.model_fields.items()
         for inner in (getattr(field.annotation, "model_fields", None) or [""])
     }
-    assert leaves == {*OTHER_VALUES, "accepted", "crossover.kind", "library.seed_symmetries"}
+    assert leaves == {*OTHER_VALUES, "accepted", "library.seed_symmetries"}
 
 
 @pytest.mark.parametrize(

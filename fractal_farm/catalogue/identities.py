@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from fractal_farm.errors import FarmError, InputError
+from fractal_farm.ifs.design_code import digits_of_code, is_design_code
 
 DIGITS = 32
 SHORTEST_PREFIX = 4
@@ -48,14 +49,16 @@ def id_pieces(column: Any) -> Iterator[Words]:
 
 
 def checked_prefix(design_id: str) -> str:
-    """The first digits of an id as ids have them.
+    """The first digits of an id as ids have them, from such digits or from a design code.
 
     Raises:
-        InputError: too few, or not digits.
+        InputError: too few, or not digits; a code with an error in it.
     """
+    if is_design_code(design_id):
+        return digits_of_code(design_id)
     prefix = design_id.lower()
     if len(prefix) < SHORTEST_PREFIX or set(prefix) - set("0123456789abcdef"):
-        raise InputError(f"design {design_id!r}: give at least {SHORTEST_PREFIX} hex digits of its id")
+        raise InputError(f"design {design_id!r}: give at least {SHORTEST_PREFIX} hex digits of its id, or its code")
     return prefix
 
 
@@ -64,7 +67,7 @@ def find_id(ids: npt.NDArray[np.bytes_], design_id: str, root: Path) -> int:
 
     Args:
         ids: (n,) bytes of 32, ascending, all different.
-        design_id: 32 hex digits, or the first four or more if no other id begins with them.
+        design_id: 32 hex digits, or the first four or more if no other id begins with them, or its code.
         root: the catalogue, for messages.
 
     Raises:

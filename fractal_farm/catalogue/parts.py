@@ -9,6 +9,7 @@ what is read of it is checked page by page, and its footer against a checksum of
 from __future__ import annotations
 
 import base64
+import errno
 import functools
 import io
 import json
@@ -236,20 +237,22 @@ def open_part(root: Path, name: PartName) -> Any:
         PartGoneError: the part is no longer there.
         FarmError: it is damaged.
     """
-    with _opened(root, name) as file:
-        if not name.is_merged:
+    # What is checked is what is read: a part is opened once, for another merge may remove its name at any instant.
+    file = _opened(root, name)
+    if not name.is_merged:
+        with file:
             content = file.read()
-            if crc32c(content) != name.checksum:
-                raise _damaged(root, name, f"its checksum is {crc32c(content):08x}")
-            return pq.ParquetFile(pa.BufferReader(content))
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - _TAIL_BYTES))
-        length = _end_bytes(file.read())
-        file.seek(max(0, size - length))
-        end = file.read()
+        if crc32c(content) != name.checksum:
+            raise _damaged(root, name, f"its checksum is {crc32c(content):08x}")
+        return pq.ParquetFile(pa.BufferReader(content))
+    size = file.size()
+    file.seek(max(0, size - _TAIL_BYTES))
+    length = _end_bytes(file.read())
+    file.seek(max(0, size - length))
+    end = file.read()
     if crc32c(end) != name.end:
         raise _damaged(root, name, f"the checksum of its footer is {crc32c(end):08x}")
-    return pq.ParquetFile(root / DESIGNS / name.file_name, page_checksum_verification=True)
+    return pq.ParquetFile(file, page_checksum_verification=True)
 
 
 @functools.lru_cache(maxsize=64)
@@ -288,11 +291,11 @@ def holds(wider: PartName, name: PartName) -> bool:
 def _opened(root: Path, name: PartName) -> Any:
     path = root / DESIGNS / name.file_name
     try:
-        return path.open("rb")
+        return pa.OSFile(str(path))
     except FileNotFoundError as error:
-        raise PartGoneError(f"{path}: cannot be read: {error.strerror}") from error
+        raise PartGoneError(f"{path}: cannot be read: {os.strerror(error.errno or errno.EIO)}") from error
     except OSError as error:
-        raise FarmError(f"{path}: cannot be read: {error.strerror}") from error
+        raise FarmError(f"{path}: cannot be read: {os.strerror(error.errno or errno.EIO)}") from error
 
 
 def _piece(root: Path, name: PartName, file: Any, place: Sequence[int]) -> bytes:

@@ -27,6 +27,7 @@ from fractal_farm.catalogue.runs import RunInfo, run_ids, run_info
 from fractal_farm.catalogue.scan import RANK, Places, Rows, first_of_each, indices
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.shards import ATTRIBUTE, ROOT, root_documents
+from fractal_farm.catalogue.signatures import standing_designs
 from fractal_farm.catalogue.solids import SolidInfo, add_solid, list_solids
 from fractal_farm.errors import InputError
 from fractal_farm.ifs.genome import Genome
@@ -301,8 +302,11 @@ class Catalogue:
         self, parts: list[PartName], where: Any, keys: Sequence[str], *, ancestors: bool = False
     ) -> tuple[Rows, Places]:
         rows = self._rows_of(parts)
-        rows.read(["design_id", "kind", *keys])
-        places = rows.standing(ancestors=ancestors)
+        known = None if ancestors else standing_designs(self.path, parts)
+        if known is None:
+            rows.read(["design_id", "kind", *keys])
+            known = rows.standing(ancestors=ancestors)
+        places = known
         if where is not None:
             table = rows.read(keys).append_column(_PLACE, indices(np.arange(len(rows)))).take(indices(places))
             places = table.filter(where).column(_PLACE).to_numpy()

@@ -22,7 +22,7 @@ from fractal_farm.catalogue.durable import put
 from fractal_farm.catalogue.identities import DIGITS, find_id, id_array
 from fractal_farm.catalogue.layout import INDEX, PartName, crc32c
 from fractal_farm.catalogue.parts import PartGoneError, read_of_parts
-from fractal_farm.catalogue.scan import Rows
+from fractal_farm.catalogue.scan import Rows, numbers
 from fractal_farm.catalogue.schema import DESCRIPTOR_LENGTH
 from fractal_farm.distinctness import LENGTH, projection, signatures
 from fractal_farm.errors import FarmError
@@ -132,11 +132,19 @@ def _opened(root: Path, parts: tuple[PartName, ...]) -> SignatureIndex:
         table = _built(root, parts)
         if table.num_rows:
             _store(root, name, table)
-    columns = {field: table.column(field).chunk(0) for field in table.column_names}
-    arrays = {field: column.to_numpy(zero_copy_only=True) for field, column in columns.items() if field != "design_id"}
-    ids = np.frombuffer(columns["design_id"].buffers()[1], f"S{DIGITS}", table.num_rows)
+    arrays = {field: numbers(table.column(field)) for field, _ in _FIELDS}
+    ids = np.frombuffer(table.column("design_id").chunk(0).buffers()[1], f"S{DIGITS}", table.num_rows)
     marks = np.stack([arrays[field] for field in _MARKS])
     return SignatureIndex(root, parts, ids, marks, *(arrays[field] for field in (*_NUMBERS, "place")))
+
+
+def standing_designs(root: Path, parts: Sequence[PartName]) -> npt.NDArray[np.int64] | None:
+    """The rows of some parts that are designs, each once, in ascending order, if a file knows them; None if none does.
+
+    Like `Rows.standing`, without reading a million ids.
+    """
+    table = _stored(root, f"signatures~{_key([part for part in parts if part.rows])}")
+    return None if table is None else np.sort(numbers(table.column("place"))).astype(np.int64)
 
 
 def row_signatures(table: Any) -> npt.NDArray[np.float64]:

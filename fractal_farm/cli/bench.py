@@ -23,21 +23,27 @@ def bench(
     farm: Annotated[
         bool, typer.Option("--farm", help="Measure a run on Ray against plain loops instead (four minutes).")
     ] = False,
+    solids: Annotated[
+        bool, typer.Option("--solids", help="Measure solids of 200 and 400 voxels instead (two minutes).")
+    ] = False,
     output: Output = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the evaluator: stages, whole evaluations, threads, sizes, peers; or its errors, or the whole farm."""
-    if accuracy and farm:
-        raise InputError("--accuracy and --farm: measure one at a time")
+    """Measure the evaluator: stages, whole evaluations, threads, sizes, peers; or errors, the whole farm, solids."""
+    chosen = [name for name, wanted in (("accuracy", accuracy), ("farm", farm), ("solids", solids)) if wanted]
+    if len(chosen) > 1:
+        raise InputError(f"{' and '.join('--' + name for name in chosen)}: measure one at a time")
     if output is not None:
         check_writable(output)
-    report = _accuracy() if accuracy else _efficiency() if farm else _speed()
+    report = _accuracy() if accuracy else _efficiency() if farm else _solids() if solids else _speed()
     if as_json:
         print_json(report)
     elif accuracy:
         _print_accuracy(report)
     elif farm:
         _print_efficiency(report)
+    elif solids:
+        _print_solids(report)
     else:
         _print_speed(report)
     if output is not None:
@@ -159,6 +165,36 @@ def _print_efficiency(report: dict[str, Any]) -> None:
         f"medians: farm over loops {found['of_loops']:.0%}, over evaluations {found['of_kernel']:.0%}; "
         f"load before {report['load'][0]:.1f}"
     )
+
+
+def _solids() -> dict[str, Any]:
+    from fractal_farm.bench.solids import measure_solids
+    from fractal_farm.bench.stopwatch import load, this_machine
+
+    before = load()
+    costs = measure_solids(say)
+    return {
+        "machine": asdict(this_machine()),
+        "load": [before],
+        "solids": [asdict(cost) for cost in costs],
+    }
+
+
+def _print_solids(report: dict[str, Any]) -> None:
+    solids = report["solids"]
+    rows = [
+        [
+            *(f"{s['name']} at {s['resolution']}", *(_digits(seconds) for seconds in s["seconds"].values())),
+            *(_digits(s["total"]), f"{s['peak_bytes'] / 1e6:,.0f}", f"{s['predicted_bytes'] / 1e6:,.0f}"),
+        ]
+        for s in solids
+    ]
+    print_table(
+        ["seconds", *solids[0]["seconds"], "all", "peak, MB", "predicted"],
+        rows,
+        title="30 mm, wall 0.8 mm, each in a process of its own, with its interpreter and libraries",
+    )
+    typer.echo(f"load before {report['load'][0]:.1f}")
 
 
 def _digits(value: float | None) -> str:

@@ -11,15 +11,18 @@ import typer
 
 from fractal_farm.cli.output import AsJson, plain, print_facts, print_json, print_table, say, write_file
 from fractal_farm.errors import InputError
+from fractal_farm.ifs.design_code import design_code
 from fractal_farm.ifs.symmetry import NO_SYMMETRY
 
 if TYPE_CHECKING:
-    from fractal_farm.catalogue import Catalogue
+    from collections.abc import Sequence
+
+    from fractal_farm.catalogue import Catalogue, SolidInfo
 
 DirectoryArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Directory of the catalogue.")]
 
-IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs, or the first digits of their ids.")]
-DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design, or the first digits of its id.")]
+IdsArgument = Annotated[list[str], typer.Argument(metavar="ID...", help="Designs: ids, their first digits, or codes.")]
+DesignArgument = Annotated[str, typer.Argument(metavar="ID", help="Design: its id, first digits of it, or its code.")]
 
 _SHORT_COLUMNS = ("design_id", "fitness", "d0", "d2", "lle", "n_maps", "gap", "grams", "island", "generation")
 _SYMMETRY = "symmetry"
@@ -85,11 +88,23 @@ def list_designs(
 
 
 def show(
-    directory: DirectoryArgument,
-    design: DesignArgument,
+    directory: Annotated[
+        Path, typer.Argument(metavar="DIR|FILE", help="Directory of the catalogue, or a mesh file or solid.json.")
+    ],
+    design: Annotated[
+        str | None,
+        typer.Argument(metavar="[ID]", help="Design: its id, first digits of it, or its code.", show_default=False),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show one design: genome, scores, lineage, files."""
+    """Show one design: genome, scores, lineage, files. Of a file: what it is and what it carries."""
+    if design is None:
+        from fractal_farm.cli.mesh_file import show_file
+
+        show_file(directory, as_json)
+        return
+    if directory.is_file():
+        raise InputError(f"{directory}: is a file; show it without a design, or name a catalogue's directory")
     from fractal_farm.catalogue import Catalogue, judgements
     from fractal_farm.catalogue.layout import HAND
     from fractal_farm.ifs.genome import GENE_NAMES, ROW_LENGTH
@@ -99,15 +114,20 @@ def show(
     width = ROW_LENGTH[row["family"]]
     genes = [row["genes"][k : k + width] for k in range(0, len(row["genes"]), width)]
     maps = [row["maps"][k : k + 12] for k in range(0, len(row["maps"]), 12)]
-    files = _files(catalogue, row)
+    solids = catalogue.solids(row["design_id"])
+    files = _files(catalogue, row, solids)
+    certificates = [told for solid in solids if (told := solid.certificate) is not None]
+    code = design_code(row["design_id"])
     judgement = judgements(directory).get(row["design_id"])
     if as_json:
         judged = {"stars": judgement and judgement.stars, "favourite": bool(judgement and judgement.favourite)}
-        print_json({**row, **judged, "genes": genes, "maps": maps, "files": files})
+        told = {**row, **judged, "design_code": code}
+        print_json({**told, "genes": genes, "maps": maps, "files": files, "certificates": certificates})
         return
     print_facts(
         {
             "design": row["design_id"],
+            "code": code,
             "judgement": judgement and str(judgement),
             "fitness": row["fitness"],
             "D0": _with_error(row["d0"], row["d0_error"]),
@@ -127,6 +147,7 @@ def show(
             "symmetry": row["symmetry"] or NO_SYMMETRY,
             "points": row["n_points"],
             "files": ", ".join(files) or "no mesh; make one with farm mesh",
+            "certificate": "; ".join(map(_certified, certificates)) or None,
         }
     )
     typer.echo()
@@ -286,13 +307,26 @@ def _as_a_solid(row: dict[str, Any]) -> str | None:
     """What the design weighs, at the size that all designs are compared at."""
     if row["grams"] is None:
         return None
-    return f"about {row['grams']:.1f} g, 30 x {row['width_mm']:.0f} x {row['depth_mm']:.0f} mm with a wall of 0.8 mm"
+    from fractal_farm.solid.parameters import SolidParameters
+    from fractal_farm.solid.plan import plan_solid
+
+    standard = SolidParameters(size_mm=30.0, wall_mm=0.8)
+    plan = plan_solid(row["gap"], standard, row["design_id"][:8])
+    wall = f"{2.0 * plan.radius_mm:.1f} mm, so that its pieces meet" if plan.thickened else "0.8 mm"
+    box = f"30 x {row['width_mm']:.0f} x {row['depth_mm']:.0f} mm"
+    return f"about {row['grams']:.1f} g, {box} with a wall of {wall}; without struts, and not hollowed"
 
 
-def _files(catalogue: Any, row: dict[str, Any]) -> list[str]:
+def _certified(told: dict[str, Any]) -> str:
+    """A stored certificate in one line: the verdict, what speaks against the solid, and what would help."""
+    failures = [found for found in told["findings"] if found["severity"] == "failure"]
+    against = "".join(f"; {found['what']}: {found['how_much']}; {found['remedy']}" for found in failures)
+    return f"{'passes' if told['verdict'] == 'pass' else 'does not pass'} for {told['material']}{against}"
+
+
+def _files(catalogue: Any, row: dict[str, Any], solids: Sequence[SolidInfo]) -> list[str]:
     """Where the design's cloud and solids lie, relative to the catalogue."""
     cloud = []
     if row["cloud_row"] is not None:
         cloud = [f"clouds/{row['writer']}/{row['cloud_array']}[{row['cloud_row']}]"]
-    solids = catalogue.solids(row["design_id"])
     return cloud + [str(path.relative_to(catalogue.path)) for solid in solids for path in solid.files.values()]

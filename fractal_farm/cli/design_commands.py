@@ -1,4 +1,4 @@
-"""`farm score`, `farm render` and `farm mesh`: what can be made of a genome."""
+"""`farm score` and `farm render`: what can be told and seen of a genome."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from fractal_farm.cli.output import AsJson, check_png, print_json, print_table, 
 from fractal_farm.errors import InputError
 
 if TYPE_CHECKING:
+    from PIL import Image
+
     from fractal_farm.ifs.genome import Genome
+
+_TURN_MS = 3_000
+_QUALITY = 85  # of WebP
 
 
 class Colours(enum.StrEnum):
@@ -23,12 +28,13 @@ class Colours(enum.StrEnum):
     DUAL = "dual"
 
 
-class MeshFormat(enum.StrEnum):
-    """File formats of meshes."""
+class Metals(enum.StrEnum):
+    """What solids are drawn in."""
 
-    GLB = "glb"
-    STL = "stl"
-    PLY = "ply"
+    GOLD = "gold"
+    SILVER = "silver"
+    COPPER = "copper"
+    STEEL = "steel"
 
 
 def score(
@@ -94,71 +100,67 @@ def score(
 def render(
     directory: DirectoryArgument,
     ids: IdsArgument,
-    output: Annotated[Path, typer.Option("--output", "-o", help="PNG file to write.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="PNG file; a turntable is WebP or GIF.")],
     size: Annotated[int, typer.Option(min=16, max=4096, help="Pixels of a design's side.")] = 512,
     colours: Annotated[Colours, typer.Option(help="Colouring.")] = Colours.GRADIENT,
+    metal: Annotated[Metals | None, typer.Option(help="Draw the solid in this metal.", show_default=False)] = None,
+    turntable: Annotated[
+        int | None, typer.Option(min=2, max=360, help="Pictures of a whole turn of the solid.", show_default=False)
+    ] = None,
 ) -> None:
-    """Draw designs as a picture or a sheet."""
+    """Draw designs: a picture, a sheet of several, or a turntable of one in metal."""
     import math
 
     from fractal_farm.catalogue import Catalogue
     from fractal_farm.catalogue.rows import genome_of
-    from fractal_farm.picture import design_sheet, render_genome
+    from fractal_farm.picture import captioned_sheet, design_sheet, render_genome
 
-    check_png("--output", output)
+    if turntable is None:
+        check_png("--output", output)
+    elif output.suffix.lower() not in (".webp", ".gif"):
+        raise InputError(f"--output {output}: a turntable moves; give a name that ends in .webp or .gif")
+    elif len(ids) > 1:
+        raise InputError(f"--turntable: {len(ids)} designs were given; give one")
     catalogue = Catalogue.open(directory)
     rows = [catalogue.design(identity) for identity in ids]
-    if len(rows) == 1:
-        picture = render_genome(genome_of(rows[0]), size, colouring=colours.value)
+    designs = [(genome_of(row), f"{row['design_id'][:8]}  {row['fitness']:.3f}") for row in rows]
+    columns = math.ceil(math.sqrt(len(rows)))
+    if turntable is not None:
+        write_file(output, _turning(designs[0][0], size, metal or Metals.GOLD, turntable, output.suffix[1:]))
+        say(f"wrote {output}")
+    elif metal is not None:
+        pictures = [(_in_metal(genome, size, metal), caption) for genome, caption in designs]
+        write_png(output, pictures[0][0] if len(rows) == 1 else captioned_sheet(pictures, columns))
+    elif len(rows) == 1:
+        write_png(output, render_genome(designs[0][0], size, colouring=colours.value))
     else:
-        captioned = [(genome_of(row), f"{row['design_id'][:8]}  {row['fitness']:.3f}") for row in rows]
-        picture = design_sheet(captioned, math.ceil(math.sqrt(len(rows))), size, colouring=colours.value)
-    write_png(output, picture)
+        write_png(output, design_sheet(designs, columns, size, colouring=colours.value))
 
 
-def mesh(
-    directory: DirectoryArgument,
-    ids: IdsArgument,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files.")],
-    size: Annotated[float, typer.Option(min=1, max=1000, help="Longest side of the solid, mm.")] = 30.0,
-    wall: Annotated[float, typer.Option(min=0.01, max=100, help="Thinnest wall, mm.")] = 0.8,
-    resolution: Annotated[
-        int | None,
-        typer.Option(
-            min=32, max=1000, help="Voxels along the longest side; default: what the wall needs.", show_default=False
-        ),
-    ] = None,
-    form: Annotated[list[MeshFormat] | None, typer.Option("--format", help="File format; may be repeated.")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Make solids of designs: watertight meshes.
+def _in_metal(genome: Genome, size: int, metal: Metals) -> Image.Image:
+    """The solid of a design, 30 mm long with a wall of 0.8 mm."""
+    from PIL import Image
 
-    Each is one piece, with the genome inside the file.
-    """
-    import json
+    from fractal_farm.picture import mesh_picture
+    from fractal_farm.solid import solidify
 
-    from fractal_farm.catalogue import Catalogue
-    from fractal_farm.solid import SolidParameters, solid_files
+    return Image.fromarray(mesh_picture(solidify(genome), size, metal.value))
 
-    catalogue = Catalogue.open(directory)
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; name a directory")
-    formats = tuple(dict.fromkeys(each.value for each in form or (MeshFormat.GLB, MeshFormat.STL)))
-    parameters = SolidParameters(size, wall, resolution)
-    reports = []
-    for identity in [catalogue.design(identity)["design_id"] for identity in ids]:
-        files = solid_files(catalogue.genome(identity), parameters, formats)
-        paths = []
-        for name, content in files.items():
-            paths.append(output / f"{identity}{Path(name).suffix}")
-            write_file(paths[-1], content)
-        facts = json.loads(files["solid.json"])
-        say(f"wrote {', '.join(map(str, paths))}")
-        if facts["thickened"]:
-            say(f"  its wall is {facts['wall_used_mm']:.2f} mm: its pieces lie {facts['gap_mm']:.2f} mm apart")
-        reports.append({"design_id": identity, "files": list(map(str, paths)), **facts})
-    if as_json:
-        print_json(reports)
+
+def _turning(genome: Genome, size: int, metal: Metals, frames: int, form: str) -> bytes:
+    """The same, turning once in three seconds, as a WebP or GIF that repeats."""
+    import io
+
+    from PIL import Image
+
+    from fractal_farm.picture import turntable
+    from fractal_farm.solid import solidify
+
+    first, *others = (Image.fromarray(frame) for frame in turntable(solidify(genome), size, metal.value, frames))
+    content = io.BytesIO()
+    duration = max(20, round(_TURN_MS / frames))
+    first.save(content, form, save_all=True, append_images=others, duration=duration, loop=0, quality=_QUALITY)
+    return content.getvalue()
 
 
 def _is_similar(genome: Genome) -> bool:

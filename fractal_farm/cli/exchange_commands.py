@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -10,8 +9,8 @@ from typing import Annotated
 import typer
 
 from fractal_farm.cli.catalogue_commands import DirectoryArgument
+from fractal_farm.cli.licence import LicenceOption, check_licence
 from fractal_farm.cli.output import AsJson, byte_count, print_json, say
-from fractal_farm.errors import InputError
 
 
 def compact(directory: DirectoryArgument, as_json: AsJson = False) -> None:
@@ -20,8 +19,10 @@ def compact(directory: DirectoryArgument, as_json: AsJson = False) -> None:
     Nothing that a catalogue tells is changed. Runs do this themselves as they grow.
     """
     from fractal_farm.catalogue.compaction import compact_all
+    from fractal_farm.catalogue.signatures import open_signatures
 
     done = compact_all(directory)
+    open_signatures(directory)  # written now, so that nobody waits for it later
     if as_json:
         print_json(asdict(done))
     elif done.before:
@@ -37,10 +38,7 @@ def export(
     where: Annotated[
         str | None, typer.Option(help="Filter, such as 'fitness > 0.9 and n_maps == 3'.", show_default=False)
     ] = None,
-    licence: Annotated[
-        str | None,
-        typer.Option(help="What others may do: an SPDX identifier, such as CC-BY-4.0.", show_default=False),
-    ] = None,
+    licence: LicenceOption = None,
     clouds: Annotated[bool, typer.Option(help="Publish the point clouds, too.")] = True,
     as_json: AsJson = False,
 ) -> None:
@@ -53,8 +51,7 @@ def export(
     from fractal_farm.catalogue.export import export as publish
     from fractal_farm.cli.where import explained_selection, selection_of
 
-    if licence is not None and not re.fullmatch(r"[A-Za-z0-9.+() -]{1,100}", licence):
-        raise InputError(f"--licence {licence!r}: give an SPDX identifier, such as CC0-1.0 or CC-BY-4.0")
+    check_licence(licence)
     expression, names = selection_of(where)
     told = {} if where is None else {"farm:where": where}
     with explained_selection(where):

@@ -18,6 +18,7 @@ from fractal_farm import __version__
 from fractal_farm.cli import (
     bench,
     catalogue_commands,
+    certify,
     design_commands,
     doctor,
     exchange_commands,
@@ -27,8 +28,12 @@ from fractal_farm.cli import (
     likeness_commands,
     lineage,
     mirror,
+    paper,
     run_commands,
+    scene_commands,
+    solid_commands,
     status,
+    studio,
     verify,
 )
 from fractal_farm.errors import FarmError, InputError
@@ -50,17 +55,24 @@ app.command("report")(status.report)
 app.add_typer(jobs.app, name="jobs")
 app.command("list")(catalogue_commands.list_designs)
 app.command("show")(catalogue_commands.show)
+app.command("find")(scene_commands.find)
 app.command("similar")(likeness_commands.similar)
 app.command("prototypes")(likeness_commands.prototypes)
 app.command("diff")(likeness_commands.diff)
 app.command("lineage")(lineage.lineage)
 app.command("score")(design_commands.score)
 app.command("render")(design_commands.render)
-app.command("mesh")(design_commands.mesh)
+app.command("scene")(scene_commands.scene)
+app.command("sweep")(scene_commands.sweep)
+app.command("morph")(scene_commands.morph)
+app.command("mesh")(solid_commands.mesh)
+app.command("certify")(certify.certify)
 app.command("rate")(hand_commands.rate)
 app.command("preference")(hand_commands.preference)
 app.command("breed")(hand_commands.breed)
 app.command("keep")(hand_commands.keep)
+app.command("studio")(studio.studio)
+app.command("gallery")(studio.gallery)
 app.command("verify")(verify.verify)
 app.command("mirror")(mirror.mirror)
 app.command("fetch")(mirror.fetch)
@@ -71,6 +83,7 @@ app.command("merge")(exchange_commands.merge)
 app.command("doctor")(doctor.doctor)
 app.command("bench")(bench.bench)
 app.add_typer(experiment.app, name="experiment")
+app.command("paper")(paper.paper)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

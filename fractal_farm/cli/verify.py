@@ -115,7 +115,7 @@ def _remakers(directory: Path) -> Remakers:
     def solid(design_id: str, parameters_hash: str) -> Mapping[str, bytes]:
         from fractal_farm.catalogue import Catalogue
         from fractal_farm.catalogue.settings import read_settings
-        from fractal_farm.solid import SolidParameters, solid_files
+        from fractal_farm.farm.work import MeshOrder, made_solid
 
         catalogue = Catalogue.open(directory)
         runs = catalogue.runs()
@@ -123,9 +123,11 @@ def _remakers(directory: Path) -> Remakers:
         configurations += [read_settings(directory, run.run_id) for run in runs]
         for values in configurations:
             settings = RunConfig.from_dict(values, f"{directory}: run.json").solids
-            parameters = SolidParameters(size_mm=settings.size_mm, wall_mm=settings.wall_mm)
+            parameters = settings.parameters
             if parameters.hash == parameters_hash:
-                return solid_files(catalogue.genome(design_id), parameters, settings.formats)
+                return made_solid(
+                    MeshOrder(catalogue.genome(design_id), parameters, settings.formats, settings.material)
+                )
         raise FarmError("no run of this catalogue makes solids with these parameters; make it again with `farm mesh`")
 
     return Remakers({"catalogue.png": sheet, "report.html": report}, solid)

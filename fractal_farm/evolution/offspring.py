@@ -248,6 +248,7 @@ def _bred(
         n_maps[second],
         _uniform(config, Purpose.CROSSOVER, place, attempts, (slots, 3), rows),
         config.crossover.probability if config.method != "niches" else config.niches.crossover,
+        config.crossover.kind,
     )
     probability, sigma = _scales(config, place, attempts, slots, rows)
     streams = _streams(config, Purpose.MUTATION, place, attempts)
@@ -259,6 +260,7 @@ def _bred(
         probability,
         sigma,
         config.phenotype.family == "affine",
+        config.mutation.repair,
     )
     lineage = np.stack([identities[first], np.where(crossed, identities[second], b"")], axis=1)
     inherited = library["symmetry"][first].astype(np.uint8)

@@ -90,10 +90,12 @@ def block_crossover(
     second_maps: IntArray,
     uniform: FloatArray,
     probability: float,
+    kind: str = "block",
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Eq 3.5: rows 1..i and columns 1..j of the first parent are replaced by those of the second.
 
-    i goes up to the smaller number of maps, j up to one less than the row's length: no row is exchanged whole.
+    i goes up to the smaller number of maps, j up to one less than the row's length: no row is exchanged whole. Another
+    reading of 'single point' takes the matrix as one sequence: rows 1..i-1 whole, and columns 1..j of row i.
 
     Args:
         first: (slots, M, K) genes; the offspring has this parent's number of maps.
@@ -102,6 +104,7 @@ def block_crossover(
         second_maps: (slots,) numbers of maps.
         uniform: (slots, 3) float64: whether, i, j.
         probability: of crossing over.
+        kind: "block" or "sequence".
 
     Returns:
         (slots, M, K) offspring and (slots,) whether crossover took place.
@@ -109,9 +112,10 @@ def block_crossover(
     crossed = uniform[:, 0] < probability
     rows = 1 + (uniform[:, 1] * np.minimum(first_maps, second_maps)).astype(np.int64)
     columns = 1 + (uniform[:, 2] * (first.shape[2] - 1)).astype(np.int64)
-    block = (np.arange(first.shape[1])[:, None] < rows[:, None, None]) & (
-        np.arange(first.shape[2]) < columns[:, None, None]
-    )
+    row, below = np.arange(first.shape[1])[:, None], np.arange(first.shape[2]) < columns[:, None, None]
+    block = (row < rows[:, None, None]) & below
+    if kind == "sequence":
+        block |= row < rows[:, None, None] - 1
     return np.where(block & crossed[:, None, None], second, first), crossed
 
 
@@ -123,6 +127,7 @@ def gaussian_mutation(
     probability: float | FloatArray,
     sigma: float | FloatArray,
     affine: bool,
+    repair: str = "reflect",
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Eq 3.6: each allele moves by sigma N(0, 1) with the given probability; then the genome is repaired.
 
@@ -134,6 +139,7 @@ def gaussian_mutation(
         probability: of each allele; one for all slots, or (slots, 1, 1).
         sigma: standard deviation of a move; one for all slots, or (slots, 1, 1).
         affine: whether rows are general affine maps.
+        repair: "reflect" (angles wrap), "clip", or "refuse": what does not contract is left as it is.
 
     Returns:
         (slots, M, K) offspring and (slots,) whether any allele moved.
@@ -141,8 +147,10 @@ def gaussian_mutation(
     real = (np.arange(genes.shape[1]) < n_maps[:, None])[:, :, None]
     moved = (uniform < probability) & real
     mutant = np.where(moved, genes + sigma * normal, genes)
-    repaired = _repair_affine(mutant, n_maps) if affine else _repair(mutant, real)
-    return repaired, np.asarray(moved.any(axis=(1, 2)))
+    if repair != "refuse":
+        clip = repair == "clip"
+        mutant = _repair_affine(mutant, n_maps, clip) if affine else _repair(mutant, real, clip)
+    return mutant, np.asarray(moved.any(axis=(1, 2)))
 
 
 def similarity_dimension_within(
@@ -168,9 +176,13 @@ def similarity_dimension_within(
     )
 
 
-def _repair(genes: FloatArray, real: npt.NDArray[np.bool_]) -> FloatArray:
-    """Angles wrap into [-pi, pi], rho is reflected into `RHO_RANGE`; what lies inside keeps its bits."""
+def _repair(genes: FloatArray, real: npt.NDArray[np.bool_], clip: bool) -> FloatArray:
+    """Angles wrap, rho is reflected into `RHO_RANGE`, or all are clipped; what lies inside keeps its bits."""
     angles = genes[..., :RHO]
+    if clip:
+        genes[..., :RHO] = np.clip(angles, -math.pi, math.pi)
+        genes[..., RHO] = np.where(real[..., 0], np.clip(genes[..., RHO], *RHO_RANGE), genes[..., RHO])
+        return genes
     wrapped = np.remainder(angles + math.pi, 2.0 * math.pi) - math.pi
     genes[..., :RHO] = np.where(np.abs(angles) > math.pi, wrapped, angles)
     rho = genes[..., RHO]
@@ -183,8 +195,8 @@ def _repair(genes: FloatArray, real: npt.NDArray[np.bool_]) -> FloatArray:
     return genes
 
 
-def _repair_affine(genes: FloatArray, n_maps: IntArray) -> FloatArray:
-    """A matrix whose spectral norm left `RHO_RANGE` is scaled so that the norm is reflected into it."""
+def _repair_affine(genes: FloatArray, n_maps: IntArray, clip: bool) -> FloatArray:
+    """A matrix whose spectral norm left `RHO_RANGE` is scaled so that the norm is reflected into it, or clipped."""
     low, high = RHO_RANGE
     span = high - low
     for slot, count in enumerate(n_maps.tolist()):
@@ -193,7 +205,7 @@ def _repair_affine(genes: FloatArray, n_maps: IntArray) -> FloatArray:
             norm = largest_singular_value(*matrix.ravel().tolist())
             if not low <= norm <= high:
                 folded = math.fmod(abs(norm - low), 2.0 * span)
-                target = low + (2.0 * span - folded if folded > span else folded)
+                target = norm if clip else low + (2.0 * span - folded if folded > span else folded)
                 matrix *= min(max(target, low), high) / norm if norm > 0.0 else 0.0
                 if norm == 0.0:
                     matrix[:] = low * np.eye(3)

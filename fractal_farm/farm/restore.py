@@ -22,7 +22,6 @@ from fractal_farm.farm.records import unpack_ledger, unpack_states
 from fractal_farm.farm.schedule import Schedule
 from fractal_farm.farm.steering import take_in
 from fractal_farm.farm.work import MeshOrder
-from fractal_farm.solid import SolidParameters
 
 
 def restore(config: RunConfig, root: Path) -> tuple[Schedule, Progress, float]:
@@ -95,21 +94,24 @@ def known_shapes(config: RunConfig, root: Path, until: int) -> DistinctSet:
 def mesh_queue(config: RunConfig, root: Path) -> MeshQueue:
     """The designs of a run that have no solid yet."""
     settings = config.solids
-    parameters = SolidParameters(size_mm=settings.size_mm, wall_mm=settings.wall_mm)
+    parameters = settings.parameters
+    share = parameters.wall_mm / parameters.size_mm
     catalogue = Catalogue.open(root)
     made = {solid.design_id for solid in catalogue.solids() if solid.parameters_hash == parameters.hash}
     designs = catalogue.designs([*GENOME_COLUMNS, "fitness", "gap"], config.run_id)
     own = made.intersection(designs.column("design_id").to_pylist())
-    queue = MeshQueue(settings.max, settings.wall_mm / settings.size_mm, len(own))
+    queue = MeshQueue(settings.max, share, len(own))
     for identity in made:
         queue.skip(identity)
     designs = designs.filter(pc.greater(designs.column("fitness"), config.evolution.qualified))
-    thickened = pc.greater(designs.column("gap"), settings.wall_mm / settings.size_mm)
+    thickened = pc.greater(designs.column("gap"), share)
     designs = designs.append_column("thickened", thickened).sort_by(
         [("thickened", "ascending"), ("fitness", "descending"), ("design_id", "ascending")]
     )
     wanted = None if settings.max is None else 2 * settings.max
     for row in designs.slice(0, wanted).to_pylist():
         if row["design_id"] not in made:
-            queue.offer(MeshOrder(genome_of(row), parameters, settings.formats), row["fitness"], row["gap"])
+            queue.offer(
+                MeshOrder(genome_of(row), parameters, settings.formats, settings.material), row["fitness"], row["gap"]
+            )
     return queue

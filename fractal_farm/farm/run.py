@@ -50,7 +50,6 @@ from fractal_farm.farm.room import Room
 from fractal_farm.farm.schedule import Schedule
 from fractal_farm.farm.steering import take_in
 from fractal_farm.farm.work import MeshOrder, Part, SetAside
-from fractal_farm.solid import SolidParameters
 
 PART_DESIGNS = 256
 PART_SECONDS = 20.0
@@ -118,7 +117,7 @@ class Run:
         self._interrupted = interrupted
         self._files, self._bytes = usage
         self._elapsed_before = elapsed_before_s
-        self._parameters = SolidParameters(size_mm=config.solids.size_mm, wall_mm=config.solids.wall_mm)
+        self._parameters = config.solids.parameters
         self._group = _Group(progress=progress)
         self._in_flight: tuple[Part, Progress] | None = None
         self._withheld = False
@@ -301,7 +300,7 @@ class Run:
         phenotype = self._config.evolution.phenotype.phenotype()
         rows = part.rows[part.kept & (part.rows["fitness"] > self._config.evolution.qualified)]
         for row, genome in zip(rows, genomes_of(rows, phenotype), strict=True):
-            order = MeshOrder(genome, self._parameters, self._config.solids.formats)
+            order = MeshOrder(genome, self._parameters, self._config.solids.formats, self._config.solids.material)
             self._queue.offer(order, float(row["fitness"]), receipt.gaps[genome.design_id])
         self._announce(
             PartCommitted(

@@ -117,7 +117,8 @@ class RunMonitor:
         end = history.end()
         state, reason = _state(end, live)
         left = time_left(samples, stop, now - _heard(history, now)) if state == "running" else None
-        wall = history.config.solids.wall_mm / history.config.solids.size_mm if history.config else 0.0
+        asked = history.config.solids.parameters if history.config else None
+        wall = asked.wall_mm / asked.size_mm if asked else 0.0
         meshes = _readable(lambda: len(catalogue.solids()), damage)
         islands, window = _islands(history)
         return {

@@ -6,6 +6,8 @@ need none of them.
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, get_args
@@ -26,6 +28,10 @@ if TYPE_CHECKING:
 
 QUICK: frozenset[Wanted] = frozenset({"foreseen", "within", "gap"})
 """What takes about as long as to send it to somebody else."""
+
+PREVIEW = "preview.png"
+PREVIEW_PIXELS = 512
+"""The picture that lies beside the files of every solid of a run."""
 
 Evaluate = Callable[[Candidates, EvolutionConfig], Scores]
 
@@ -91,11 +97,12 @@ class PartReceipt:
 
 @dataclass(frozen=True)
 class MeshOrder:
-    """A solid to be made."""
+    """A solid to be made, and certified for a material."""
 
     genome: Genome
     parameters: SolidParameters
     formats: tuple[str, ...]
+    material: str = "silver"
 
 
 def evaluate_candidates(candidates: Candidates, config: EvolutionConfig, repeat: int = 0) -> Scores:
@@ -186,12 +193,37 @@ def sample_candidates(config: EvolutionConfig) -> Candidates:
     return Candidates(brood.genes[:2], brood.n_maps[:2], "scores", brood.symmetries[:2])
 
 
-def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:
-    """The files of a solid, or why there is none."""
-    from fractal_farm.solid import solid_files
+def made_solid(order: MeshOrder) -> dict[str, bytes]:
+    """The files of a solid, with a picture of it in silver and its certificate.
 
+    Raises:
+        FarmError: see `fractal_farm.solid.solidify`.
+    """
+    from PIL import Image
+
+    from fractal_farm.catalogue.solids import CERTIFICATE
+    from fractal_farm.picture import mesh_picture
+    from fractal_farm.solid.certificate import certify
+    from fractal_farm.solid.files import mesh_files
+    from fractal_farm.solid.materials import material
+    from fractal_farm.solid.pipeline import make_solid as solid_of
+
+    mesh = solid_of(order.genome, order.parameters)
+    content = io.BytesIO()
+    Image.fromarray(mesh_picture(mesh, PREVIEW_PIXELS, "silver")).save(content, "PNG", optimize=True)
+    found = certify(mesh, material(order.material))
+    told = json.dumps({"source": order.genome.design_id, **found.as_dict()}, indent=2, ensure_ascii=False)
+    return {
+        **mesh_files(mesh, order.formats),
+        PREVIEW: content.getvalue(),
+        CERTIFICATE: f"{told}\n".encode(),
+    }
+
+
+def make_solid(order: MeshOrder) -> tuple[dict[str, bytes], str | None]:
+    """As `made_solid`, or why there is none."""
     try:
-        return solid_files(order.genome, order.parameters, order.formats), None
+        return made_solid(order), None
     except Exception as error:  # a library's own error must not end the run either
         text = str(error) if isinstance(error, FarmError) else f"{type(error).__name__}: {error}"
         return {}, " ".join(text.split())

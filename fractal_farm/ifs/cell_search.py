@@ -3,7 +3,8 @@
 For maps that overlap so much that the address tree holds many times more words than there are cells. A point whose cell
 is taken is dropped, and what would have grown from it is up to a cell's diagonal away; such losses add up to diagonal /
 (1 - q), q the largest contraction. So the search does not use the maps but words of them that at least halve the
-attractor, some 60 at most: the loss is then 2 diagonals by proof (and half a cell in practice), whatever the maps.
+attractor: some 60, or hundreds where a map hardly contracts. The loss is then 2 diagonals by proof (and half a cell in
+practice), whatever the maps; MAX_WORDS is enough for ratios up to 0.999, beyond which `Cells.spacing` says more.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy.typing as npt
 from fractal_farm.ifs.enclosure import Enclosure, grow_words, image
 from fractal_farm.ifs.kernel import kernel
 
-MAX_WORDS = 64
+MAX_WORDS = 1024
 MAX_CELLS = 2**32
 _HALF = 0.5
 _FIRST_POINTS = 1024  # room at the start; it doubles

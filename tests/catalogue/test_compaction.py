@@ -17,11 +17,12 @@ from fractal_farm.catalogue import (
     committed_until,
     compaction,
     create_run,
+    parts,
     remove_orphans,
     run_lock,
 )
 from fractal_farm.catalogue.compaction import compact, compact_all
-from fractal_farm.catalogue.layout import DESIGNS
+from fractal_farm.catalogue.layout import DESIGNS, crc32c
 from fractal_farm.catalogue.parts import list_parts, read_rows, replaced_parts
 from fractal_farm.catalogue.schema import DESIGN_SCHEMA
 from fractal_farm.catalogue.shards import group_metadata
@@ -190,6 +191,23 @@ def test_readers_in_the_middle_see_everything_once(root, monkeypatch):
     merging.join()
     assert len(list_parts(root)) == 8
     assert Catalogue.open(root).digest() == expected
+
+
+def test_a_part_merged_away_while_it_is_checked_is_read_all_the_same(grown, monkeypatch):
+    compact(grown, RUN)
+    name = next(part for part in list_parts(grown) if part.is_merged)
+    expected = parts.open_part(grown, name).read()
+
+    def checked_as_another_merge_removes_it(content):
+        (grown / DESIGNS / name.file_name).unlink(missing_ok=True)
+        return crc32c(content)
+
+    monkeypatch.setattr(parts, "crc32c", checked_as_another_merge_removes_it)
+    file = parts.open_part(grown, name)
+    assert not (grown / DESIGNS / name.file_name).exists()
+    assert file.read().equals(expected)
+    with pytest.raises(parts.PartGoneError, match="No such file"):
+        parts.open_part(grown, name)
 
 
 @pytest.mark.parametrize("kills", [8, pytest.param(60, marks=pytest.mark.slow)])

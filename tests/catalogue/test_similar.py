@@ -175,3 +175,26 @@ def test_an_empty_catalogue_has_nothing_similar(root: Path) -> None:
     assert index.nearest(np.zeros(6), 3).tolist() == []
     with pytest.raises(InputError, match="no design abcd"):
         similar_to_design(index, "abcd", 3)
+
+
+def test_a_question_gets_the_same_answer_with_and_without_the_index(
+    root: Path, planted: tuple[Path, list[Genome], list[Genome]]
+) -> None:
+    good = planted[1]
+    commit(root, good[:5], 0)
+    commit(root, good[3:8], 1)  # two designs are there twice
+    catalogue = Catalogue.open(root)
+
+    def asked() -> list[Any]:
+        where, columns = pa.compute.field("fitness") > 0.86, ["design_id", "fitness", "epoch"]
+        answers = [catalogue.select(columns, order=(name, False), limit=6) for name in ("fitness", "design_id")]
+        return [*answers, catalogue.select(columns, where, ["fitness"]), catalogue.select(columns, ancestors=True)]
+
+    before = asked()
+    open_signatures(root)
+    assert list((root / INDEX).iterdir())
+    assert before[0][1] == 8
+    assert asked() == before
+    # What is committed later counts, though the file does not know it.
+    commit(root, good[8:10], 2)
+    assert catalogue.select(["design_id"])[1] == 10

@@ -1,6 +1,9 @@
+import json
+
 import pytest
 
 from fractal_farm.catalogue import Catalogue
+from fractal_farm.catalogue.verify import verify
 from fractal_farm.errors import FarmError, InputError
 from tests.catalogue.examples import files
 
@@ -57,3 +60,29 @@ def test_damaged_facts_are_reported(root):
     (root / "solids" / DESIGN / "abc" / "solid.json").write_bytes(b"{")
     with pytest.raises(FarmError, match=r"solid\.json: cannot be read"):
         catalogue.solids()
+
+
+def certificate(design_id=DESIGN, verdict="fail"):
+    finding = {"severity": "failure", "what": "is too thin", "how_much": "0.2 mm", "remedy": "wall >= 0.8 mm"}
+    told = {"design_id": design_id, "verdict": verdict, "material": "silver", "findings": [finding]}
+    return json.dumps(told).encode()
+
+
+def test_a_solid_tells_its_certificate_and_one_of_an_earlier_version_has_none(root):
+    catalogue = Catalogue.open(root)
+    catalogue.add_solid(DESIGN, "old", FILES)
+    catalogue.add_solid(DESIGN, "new", FILES | {"certificate.json": certificate()})
+    new, old = catalogue.solids()
+    assert old.certificate is None
+    assert new.certificate["findings"][0]["remedy"] == "wall >= 0.8 mm"
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"{}", certificate("0" * 32), certificate(verdict="maybe")])
+def test_what_is_no_certificate_of_the_design_is_refused_and_found(root, content):
+    catalogue = Catalogue.open(root)
+    catalogue.add_solid(DESIGN, "abc123", FILES | {"certificate.json": content})
+    (solid,) = catalogue.solids()
+    with pytest.raises(FarmError, match="verify --repair"):
+        _ = solid.certificate
+    found = [finding for finding in verify(root, "full").findings if finding.kind == "solid"]
+    assert ["certificate" in finding.problem for finding in found] == [True]

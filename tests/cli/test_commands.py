@@ -251,6 +251,38 @@ def test_render_draws_designs(
         assert min(picture.size) >= 64
 
 
+def test_render_shows_solids_in_metal_and_turns_them(
+    capsys: pytest.CaptureFixture[str], run_directory: Path, tmp_path: Path
+) -> None:
+    identity = best(run_directory)["design_id"]
+    still, moving = tmp_path / "gold.png", tmp_path / "gold.webp"
+    output(capsys, "render", run_directory, identity, "-o", still, "--size", 64, "--metal", "gold")
+    output(capsys, "render", run_directory, identity, "-o", moving, "--size", 64, "--turntable", 5)
+    with Image.open(still) as picture:
+        shown = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
+    bright = shown[shown.sum(axis=1) > 150]
+    assert len(bright) > 100
+    assert (bright[:, 0] > bright[:, 2]).mean() > 0.95
+    with Image.open(moving) as film:
+        assert (film.format, film.size, film.n_frames) == ("WEBP", (64, 64), 5)
+        assert film.info["loop"] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-o", "a.png", "--turntable", "12"], "ends in .webp or .gif"),
+        (["-o", "a.webp", "--metal", "gold"], "ends in .png"),
+        (["abce", "-o", "a.webp", "--turntable", "12"], "2 designs were given"),
+    ],
+)
+def test_a_turntable_of_another_kind_is_refused(
+    capsys: pytest.CaptureFixture[str], run_directory: Path, arguments: list[str], message: str
+) -> None:
+    assert main(["render", str(run_directory), "abcd", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
 def test_mesh_makes_watertight_solids_of_the_size_asked_for(
     capsys: pytest.CaptureFixture[str], run_directory: Path, tmp_path: Path
 ) -> None:
@@ -264,6 +296,22 @@ def test_mesh_makes_watertight_solids_of_the_size_asked_for(
     assert solid.body_count == 1
     assert solid.volume > 0
     assert solid.extents.max() == pytest.approx(20, rel=0.02)
+
+
+def test_mesh_takes_a_preset_and_what_is_said_besides_goes_before_it(
+    capsys: pytest.CaptureFixture[str], run_directory: Path, tmp_path: Path
+) -> None:
+    identity = best(run_directory)["design_id"]
+    arguments = ["--preset", "pendant-silver", "--size", 20, "--no-bridge", "--closing", 0, "--shell", 0, "--sprue"]
+    (report,) = result(capsys, "mesh", run_directory, identity, "-o", tmp_path, *arguments, "--format", "stl")
+    expected = {"size_mm": 20.0, "wall_mm": 0.8, "resolution": 180, "thicken": True, "bail": "ring", "sprue": True}
+    assert report["parameters"] == expected
+    solid = trimesh.load_mesh(tmp_path / f"{identity}.stl")
+    assert solid.body_count == 1
+    # Ring and cone are above and below.
+    assert solid.extents[2] > report["box_mm"][2] - 0.01
+    assert main(["mesh", str(run_directory), identity, "-o", str(tmp_path), "--preset", "pendant-lead"]) == 2
+    assert "preset is 'pendant-lead'; choose from pendant-silver" in capsys.readouterr().err
 
 
 def test_the_solids_of_a_run_are_in_its_catalogue(run_directory: Path) -> None:

@@ -76,7 +76,7 @@ def test_repair_restores_clouds_solids_and_pictures(
     assert "grown again, bit for bit" in out
     assert err.startswith("3 of 3 damages undone")
     shard = next(damaged.glob("clouds/*/points/c.*"))
-    for path in (mesh, shard, damaged / "catalogue.png"):
+    for path in (mesh, mesh.parent / "preview.png", shard, damaged / "catalogue.png"):
         assert path.read_bytes() == (run_directory / path.relative_to(damaged)).read_bytes()
     assert spoken(capsys, damaged)[0] == 0
 

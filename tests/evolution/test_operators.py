@@ -131,3 +131,27 @@ def test_the_range_of_similarity_dimensions_agrees_with_morans_equation():
         rho = genome[:count, 3]
         dimension = brentq(lambda s, rho=rho: (rho**s).sum() - 1, 0, 5000)
         assert found == (1.0 <= dimension <= 3.0)
+
+
+def test_a_sequence_is_exchanged_up_to_its_point():
+    rng = np.random.default_rng(3)
+    first, second = np.zeros((500, 3, 7)), np.ones((500, 3, 7))
+    maps = np.full(500, 3)
+    children, crossed = operators.block_crossover(first, second, maps, maps, rng.random((500, 3)), 1.0, "sequence")
+    assert crossed.all()
+    flat = children.reshape(500, 21)
+    lengths = flat.sum(axis=1).astype(int)
+    assert (flat == (np.arange(21) < lengths[:, None])).all()
+    assert set(lengths) == {length for length in range(1, 21) if length % 7}
+
+
+def test_mutants_are_clipped_or_left_if_that_is_asked_for():
+    rng = np.random.default_rng(4)
+    genes, maps = operators.random_genes(rng, 400, 3, False, {3: 1.0})
+    noise = rng.random(genes.shape), 2.0 * rng.standard_normal(genes.shape), 1.0, 1.0, False
+    left, _ = operators.gaussian_mutation(genes, maps, *noise, "refuse")
+    assert np.array_equal(left, genes + noise[1])
+    clipped, _ = operators.gaussian_mutation(genes, maps, *noise, "clip")
+    assert np.array_equal(clipped[..., :3], np.clip(left[..., :3], -np.pi, np.pi))
+    assert np.array_equal(clipped[..., 3], np.clip(left[..., 3], *operators.RHO_RANGE))
+    assert np.array_equal(clipped[..., 4:], left[..., 4:])

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.spatial import cKDTree
 
 from fractal_farm import farm
@@ -174,10 +175,19 @@ def test_solids_are_made_of_the_best_printable_designs_and_stored_whole(tmp_path
     assert len(solids) == len([event for event in recorder.of(MeshFinished) if event.failure is None]) == 2
     rows = Catalogue.open(tmp_path / "run").designs(["design_id", "fitness", "gap"]).to_pylist()
     qualified = [row for row in rows if row["fitness"] > 0.8]
-    wall = config.solids.wall_mm / config.solids.size_mm
+    wall = config.solids.parameters.wall_mm / config.solids.parameters.size_mm
     best = sorted(qualified, key=lambda row: (row["gap"] > wall, -row["fitness"]))
     assert {solid.design_id for solid in solids} <= {row["design_id"] for row in best[: max(2, len(best) // 2)]}
-    assert all({"solid.json"} < set(solid.files) for solid in solids)
+    assert all({"solid.json", "preview.png", "certificate.json"} < set(solid.files) for solid in solids)
+    for solid in solids:
+        with Image.open(solid.files["preview.png"]) as picture:
+            assert len(picture.convert("RGB").getcolors(1 << 20) or []) > 100
+        told = solid.certificate
+        assert told["box_mm"] == pytest.approx(solid.facts["box_mm"])
+        assert told["wall_mm"] == pytest.approx(solid.facts["wall_measured_mm"])
+        assert told["material"] == "silver"
+        assert (told["verdict"] == "fail") == any(found["severity"] == "failure" for found in told["findings"])
+        assert all(found["remedy"] for found in told["findings"])
     # Resuming makes no more than the budget.
     again = farm.resume(tmp_path / "run", executor="serial")
     assert again.ended.meshes == 0

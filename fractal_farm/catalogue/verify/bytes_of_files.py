@@ -14,6 +14,7 @@ import numpy as np
 from fractal_farm.catalogue.documents import SEALED_PAGE, is_sealed_page
 from fractal_farm.catalogue.layout import SNAPSHOTS, crc32c
 from fractal_farm.catalogue.shards import POINTS, SHARD, decoded_slot
+from fractal_farm.catalogue.solids import CERTIFICATE, opened_certificate
 from fractal_farm.catalogue.verify.contents import Contents, named_checksum
 from fractal_farm.catalogue.verify.findings import Finding
 from fractal_farm.catalogue.verify.structure import GROW, clouds_in, solid_directories, solid_files
@@ -75,6 +76,9 @@ def _solids(contents: Contents) -> Iterator[Finding]:
             content = contents.read(f"{solid}/{name}")
             if isinstance(content, str) or crc32c(content) != checksum:
                 problem = f"{name} is damaged: its checksum does not match"
+                yield Finding(solid, "solid", problem, _REDRAW, (solid.split("/")[1],))
+            elif name == CERTIFICATE and opened_certificate(content, solid.split("/")[1]) is None:
+                problem = f"{name} is no certificate of this design"
                 yield Finding(solid, "solid", problem, _REDRAW, (solid.split("/")[1],))
 
 

@@ -13,26 +13,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
-import signal
-import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from fractal_farm import __version__
 from fractal_farm.bench.stopwatch import this_machine
-from fractal_farm.catalogue.documents import encoded_document, read_document
-from fractal_farm.catalogue.durable import check_place, put
+from fractal_farm.catalogue.documents import read_document
+from fractal_farm.catalogue.durable import put
 from fractal_farm.config import RunConfig
-from fractal_farm.errors import FarmError, InputError
 from fractal_farm.experiments.methods import verdict
 from fractal_farm.experiments.methods.presets import Preset
 from fractal_farm.experiments.methods.trial import evaluated_so_far, finished, run_trial
+from fractal_farm.experiments.side_by_side import ABOUT, claim, in_processes
 
 _PACKAGE = Path(__file__).resolve().parents[2]
 _DECIDING = (
@@ -45,8 +40,6 @@ _DECIDING = (
     "farm/work.py",
 )
 _HERE = ("course.py", "remeasured.py", "trial.py")
-_ABOUT = "experiment.json"
-_LOOK_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
@@ -96,7 +89,7 @@ def compare(
     """
     from fractal_farm.experiments.methods.page import write_page
 
-    _claim(root)
+    claim(root, {"experiment": "methods", "version": __version__, "sources": sources()})
     trials = [(preset, preset.config(seed)) for seed in range(1, seeds + 1) for preset in presets]
     _run_all(root, [config for _, config in trials], evaluations, workers or len(os.sched_getaffinity(0)), tell)
     results: dict[str, list[dict[str, Any]]] = {preset.name: [] for preset in presets}
@@ -120,7 +113,7 @@ def compare(
         "strongest_plain": verdict.strongest_plain(summaries),
         "aims": verdict.held_against(verdict.AIMS, summaries),
         "in_seconds": verdict.in_seconds(summaries),
-        "made_with": {**read_document(root / _ABOUT), **asdict(this_machine())},
+        "made_with": {**read_document(root / ABOUT), **asdict(this_machine())},
     }
     put(root / "results.json", json.dumps(report, indent=2, allow_nan=False).encode() + b"\n")
     write_page(root, report, {name: [row for one in found for row in one["sample"]] for name, found in results.items()})
@@ -135,23 +128,6 @@ def standing(root: Path, configs: Sequence[RunConfig], evaluations: int) -> Stan
         for config, is_done in zip(configs, done, strict=True)
     ]
     return Standing(sum(done), len(configs), sum(counted), evaluations * len(configs))
-
-
-def _claim(root: Path) -> None:
-    """Make the directory this experiment's, or see that it is."""
-    about = {"experiment": "methods", "version": __version__, "sources": sources()}
-    path = root / _ABOUT
-    if path.exists():
-        if (before := read_document(path)) != about:
-            raise InputError(
-                f"{root}: holds an experiment of sources {before.get('sources')}, these are {about['sources']}; "
-                "name a new --out"
-            )
-        return
-    check_place(root)
-    if root.exists() and any(not entry.name.startswith(".") for entry in root.iterdir()):  # of a killed attempt
-        raise InputError(f"{root}: holds something else; name a new --out")
-    put(path, encoded_document(about))
 
 
 def sources() -> str:
@@ -170,38 +146,4 @@ def _run_all(root: Path, configs: Sequence[RunConfig], evaluations: int, workers
 
     waiting = [config for config in configs if finished(root, config, evaluations) is None]
     look()
-    if workers == 1:
-        for config in waiting:
-            run_trial(root, config, evaluations)
-            look()
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as pool:
-        try:
-            futures = {pool.submit(run_trial, root, config, evaluations) for config in waiting}
-            while futures:
-                done, futures = wait(futures, _LOOK_SECONDS, FIRST_COMPLETED)
-                for future in done:
-                    future.result()
-                look()
-        except BaseException as error:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in multiprocessing.active_children():
-                child.kill()
-            if isinstance(error, BrokenProcessPool):
-                remedy = f"the same call goes on, perhaps with fewer --workers than {workers}"
-                raise FarmError(f"a worker died ({error}); {remedy}") from None
-            raise
-
-
-def _end_with_parent() -> None:
-    """In a worker: Ctrl-C is the parent's affair, and nobody works on when the parent is gone, however it went."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    in_processes(run_trial, [(root, config, evaluations) for config in waiting], workers, look)

@@ -109,10 +109,9 @@ def _tiles(history: RunHistory, designs: Any) -> str:
         (f"{progress.distinct:,}", "distinct shapes"),
     ]
     if history.config is not None:
-        wall = history.config.solids.wall_mm / history.config.solids.size_mm
-        tiles.append(
-            (f"{printable(designs, wall):,}", f"in one piece at a wall of {history.config.solids.wall_mm:g} mm")
-        )
+        asked = history.config.solids.parameters
+        wall = asked.wall_mm / asked.size_mm
+        tiles.append((f"{printable(designs, wall):,}", f"in one piece at a wall of {asked.wall_mm:g} mm"))
     tiles += [
         (f"{progress.best_fitness:.4f}", "best fitness"),
         (f"{len(Catalogue.open(history.root).solids()):,}", "solids"),
