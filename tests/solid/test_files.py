@@ -26,8 +26,6 @@ def facts(files):
 
 
 def load(files, name):
-    if name == "3mf":
-        pytest.importorskip("lxml")  # trimesh's reader needs it
     return trimesh.load_scene(io.BytesIO(files[f"solid.{name}"]), file_type=name)
 
 

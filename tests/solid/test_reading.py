@@ -221,8 +221,6 @@ def test_units_and_transforms_of_other_programs_are_obeyed(read):
 
 @pytest.mark.parametrize("name", ["glb", "ply", "obj", "stl", "stl_ascii", "3mf"])
 def test_meshes_that_trimesh_wrote_are_read_as_they_are(read, name):
-    if name == "3mf":
-        pytest.importorskip("lxml")
     sphere = trimesh.creation.icosphere(subdivisions=2, radius=10.0).apply_translation((1.0, 2.0, 3.0))
     content = sphere.export(file_type=name)
     found = read(name.partition("_")[0], content if isinstance(content, bytes) else content.encode())
