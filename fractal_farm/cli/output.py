@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import math
 import os
@@ -130,9 +129,9 @@ def write_file(path: Path, content: bytes) -> None:
 
 def write_png(path: Path, picture: Image) -> None:
     """Write a picture, and say so."""
-    content = io.BytesIO()
-    picture.save(content, "PNG")
-    write_file(path, content.getvalue())
+    from fractal_farm.picture import encoded
+
+    write_file(path, encoded(picture))
     say(f"wrote {path}")
 
 

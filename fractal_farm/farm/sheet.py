@@ -6,7 +6,6 @@ lies close to one already taken waits until all others have had their turn.
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ import pyarrow.compute as pc
 from fractal_farm.catalogue import Catalogue
 from fractal_farm.catalogue.durable import put
 from fractal_farm.config import RunConfig
-from fractal_farm.picture import design_sheet
+from fractal_farm.picture import design_sheet, encoded
 
 COLUMNS = 6
 ROWS = 5
@@ -45,10 +44,8 @@ def write_sheet(root: Path, config: RunConfig, *, whole: bool = False) -> Path |
     chosen = different_first(descriptors, COLUMNS * ROWS)
     rows = best.select(["design_id", "fitness"]).take(chosen).to_pylist()
     designs = [(catalogue.genome(row["design_id"]), f"{row['design_id'][:8]}  {row['fitness']:.3f}") for row in rows]
-    content = io.BytesIO()
-    design_sheet(designs, columns=COLUMNS).save(content, "PNG", optimize=True)
     path = root / "catalogue.png"
-    put(path, content.getvalue(), config.catalogue.durability)
+    put(path, encoded(design_sheet(designs, columns=COLUMNS)), config.catalogue.durability)
     return path
 
 

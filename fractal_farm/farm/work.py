@@ -6,7 +6,6 @@ need none of them.
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -199,23 +198,19 @@ def made_solid(order: MeshOrder) -> dict[str, bytes]:
     Raises:
         FarmError: see `fractal_farm.solid.solidify`.
     """
-    from PIL import Image
-
     from fractal_farm.catalogue.solids import CERTIFICATE
-    from fractal_farm.picture import mesh_picture
+    from fractal_farm.picture import encoded, mesh_picture
     from fractal_farm.solid.certificate import certify
     from fractal_farm.solid.files import mesh_files
     from fractal_farm.solid.materials import material
     from fractal_farm.solid.pipeline import make_solid as solid_of
 
     mesh = solid_of(order.genome, order.parameters)
-    content = io.BytesIO()
-    Image.fromarray(mesh_picture(mesh, PREVIEW_PIXELS, "silver")).save(content, "PNG", optimize=True)
     found = certify(mesh, material(order.material))
     told = json.dumps({"source": order.genome.design_id, **found.as_dict()}, indent=2, ensure_ascii=False)
     return {
         **mesh_files(mesh, order.formats),
-        PREVIEW: content.getvalue(),
+        PREVIEW: encoded(mesh_picture(mesh, PREVIEW_PIXELS, "silver")),
         CERTIFICATE: f"{told}\n".encode(),
     }
 

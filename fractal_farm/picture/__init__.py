@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fractal_farm.picture.cloud import cloud_picture
     from fractal_farm.picture.colours import dual_tone, linear_gradient
+    from fractal_farm.picture.image_file import encoded
     from fractal_farm.picture.metal import mesh_picture, turntable
     from fractal_farm.picture.morph import morph_genomes, morph_pictures
     from fractal_farm.picture.scene import compose
@@ -26,6 +27,7 @@ __all__ = [
     "compose",
     "design_sheet",
     "dual_tone",
+    "encoded",
     "linear_gradient",
     "load_scene",
     "mesh_picture",
@@ -48,6 +50,7 @@ _HOME = {
     "compose": "scene",
     "design_sheet": "sheet",
     "dual_tone": "colours",
+    "encoded": "image_file",
     "linear_gradient": "colours",
     "load_scene": "scene_file",
     "mesh_picture": "metal",

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
-from PIL import Image
 
+from fractal_farm.picture.image_file import encoded
 from fractal_farm.picture.metal import Metal, mesh_picture
 from fractal_farm.picture.view import choose_view
 from fractal_farm.solid.thickness import thin_faces
@@ -43,7 +42,6 @@ def certificate_pictures(
     behind = np.diag([-1.0, 1.0, -1.0]) @ front
     pictures = []
     for side, view in (("front", front), ("back", behind)):
-        content = io.BytesIO()
-        Image.fromarray(mesh_picture(drawn, size, metal, view=view, marked=red)).save(content, "PNG")
-        pictures.append((f"From the {side}. Red: thinner than {found.wall_limit_mm:.2f} mm.", content.getvalue()))
+        content = encoded(mesh_picture(drawn, size, metal, view=view, marked=red))
+        pictures.append((f"From the {side}. Red: thinner than {found.wall_limit_mm:.2f} mm.", content))
     return pictures

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -18,9 +16,9 @@ from fractal_farm.experiments.methods.remeasured import CRISP, SIZE_MM, WALL_MM
 from fractal_farm.experiments.methods.trial import SAMPLE
 from fractal_farm.experiments.methods.verdict import AIMS, DEFAULT, HEADLINE, SHARE, Spread, factors
 from fractal_farm.farm.report.charts import Series, line_chart
-from fractal_farm.farm.report.document import document, section, table
+from fractal_farm.farm.report.document import document, picture, section, table
 from fractal_farm.ifs.genome import Genome
-from fractal_farm.picture import design_sheet
+from fractal_farm.picture import design_sheet, encoded
 
 _COLUMNS, _TILE = 10, 150
 _QUALITY = 85
@@ -177,14 +175,11 @@ def _sheet(designs: Sequence[Mapping[str, Any]]) -> bytes:
         )
         for design in chosen
     ]
-    content = io.BytesIO()
-    design_sheet(tiles, _COLUMNS, _TILE).save(content, "JPEG", quality=_QUALITY, optimize=True)
-    return content.getvalue()
+    return encoded(design_sheet(tiles, _COLUMNS, _TILE), "JPEG", quality=_QUALITY)
 
 
 def _picture(name: str, content: bytes) -> str:
-    return (
-        f'<img alt="Designs of {escape(name)}" src="data:image/jpeg;base64,{base64.b64encode(content).decode()}">'
+    return picture(f"Designs of {name}", content) + (
         "<figcaption>distinct printable designs of all seeds whose ids come first: an id is a hash of the genome, so "
         "this is chance; s is the similarity dimension</figcaption>"
     )

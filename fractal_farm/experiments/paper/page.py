@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,8 @@ from PIL import Image
 from fractal_farm.catalogue.durable import put
 from fractal_farm.experiments.paper.findings import EACH_EVALUATIONS, EACH_S, SECONDS
 from fractal_farm.farm.report.charts import Series, line_chart
-from fractal_farm.farm.report.document import document, section, table
+from fractal_farm.farm.report.document import document, picture, section, table
+from fractal_farm.picture import encoded
 
 Results = Mapping[str, Any]
 _WIDEST = 1400
@@ -160,16 +159,11 @@ def _fig8(results: Results, _words: Results) -> tuple[str, Results]:
     rows, said = [], []
     for piece in pieces:
         grids = (" x ".join(map(str, piece[key])) for key in ("paper_grid", "grid"))
-        verdicts = [
-            f"{name}: {'passes' if made['passes'] else 'fails'}, {made['grams']:.1f} g"
-            for name, made in piece["certificates"].items()
-        ]
+        verdicts = []
+        for name, made in piece["certificates"].items():
+            verdicts.append(f"{name}: {'passes' if made['passes'] else 'fails'}, {made['grams']:.1f} g")
+            said += [f"{piece['jewel']}, {name}: {line}" for line in made["findings"]]
         rows.append((piece["jewel"], piece["design_id"][:8], *grids, f"{piece['fitness']:.3f}", "; ".join(verdicts)))
-        said += [
-            f"{piece['jewel']}, {name}: {line}"
-            for name, made in piece["certificates"].items()
-            for line in made["findings"]
-        ]
     head = ("piece", "design", "paper's grid", "our voxels", "fitness", "certificate")
     remarks = "".join(f"<li>{escape(line)}</li>" for line in said)
     first = {"place": results["fig8"]["catalogue"], "design": pieces[0]["design_id"][:8], "metal": pieces[0]["metal"]}
@@ -180,15 +174,7 @@ def _fig10(results: Results, _words: Results) -> tuple[str, Results]:
     return "", results["fig10"] | {"rows": "; ".join(results["fig10"]["rows"])}
 
 
-_MAKERS: dict[str, Callable[[Results, Results], tuple[str, Results]]] = {
-    "fig4": _fig4,
-    "fig5": _fig5,
-    "sensitivity": _sensitivity,
-    "table1": _table1,
-    "fig7": _fig7,
-    "fig8": _fig8,
-    "fig10": _fig10,
-}
+_MAKERS = {maker.__name__[1:]: maker for maker in (_fig4, _fig5, _sensitivity, _table1, _fig7, _fig8, _fig10)}
 
 
 def _bar(value: tuple[float, float], colour: int) -> str:
@@ -201,8 +187,6 @@ def _bar(value: tuple[float, float], colour: int) -> str:
 
 
 def _picture(path: Path) -> str:
-    with Image.open(path) as picture:
-        picture.thumbnail((_WIDEST, 2 * _WIDEST))
-        content = io.BytesIO()
-        picture.convert("RGB").save(content, "JPEG", quality=85, optimize=True)
-    return f'<img alt="{path.stem}" src="data:image/jpeg;base64,{base64.b64encode(content.getvalue()).decode()}">'
+    with Image.open(path) as drawn:
+        drawn.thumbnail((_WIDEST, 2 * _WIDEST))
+        return picture(path.stem, encoded(drawn.convert("RGB"), "JPEG", quality=85))

@@ -5,7 +5,6 @@ Each function makes its files in a directory of its own and returns what is wort
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from fractal_farm.experiments.paper.findings import table1_scores
 from fractal_farm.experiments.paper.trial import catalogue_of
 from fractal_farm.ifs.genome import as_genome
 from fractal_farm.ifs.random_iteration import attractor_points
-from fractal_farm.picture import captioned_sheet, cloud_picture, mesh_picture, render_genome, turntable
+from fractal_farm.picture import captioned_sheet, cloud_picture, encoded, mesh_picture, render_genome, turntable
 from fractal_farm.picture.metal import Metal
 from fractal_farm.solid.certificate import certify
 from fractal_farm.solid.files import mesh_files
@@ -44,8 +43,7 @@ Facts = dict[str, Any]
 
 def table1(directory: Path, scale: Scale) -> Facts:
     """The four genomes: scores, both colourings of fig 6, and solids as fine as the paper's grids."""
-    pictures, rows = [], []
-    solids = {}
+    pictures, rows, solids = [], [], {}
     for (name, genes), score in zip(TABLE1.items(), table1_scores(OURS, scale), strict=True):
         genome = as_genome(np.array(genes))
         solids[name] = mesh = solidify(genome, _PENDANT_MM, _WALL_MM, paper_resolution("J0619"))
@@ -58,7 +56,7 @@ def table1(directory: Path, scale: Scale) -> Facts:
             pictures.append((Image.fromarray(cloud_picture(points, _TILE, colours)), f"{name}, {colours}"))
     pictures += [(render_genome(np.array(genes), _TILE), f"{name}, even points") for name, genes in TABLE1.items()]
     pictures += [(Image.fromarray(mesh_picture(solids[name], _TILE)), f"{name}, solid") for name in TABLE1]
-    _keep_picture(directory / "fig6.png", captioned_sheet(pictures, len(TABLE1)))
+    put(directory / "fig6.png", encoded(captioned_sheet(pictures, len(TABLE1))))
     return {"rows": rows}
 
 
@@ -74,7 +72,7 @@ def fig7(directory: Path, scene_file: Path) -> Facts:
     scene = compose(load_scene(scene_file), source=str(scene_file))
     put(directory / "fig7.glb", scene_glb(scene))
     put(directory / "fig7.html", scene_page(scene).encode())
-    _keep_picture(directory / "fig7.png", Image.fromarray(scene_picture(scene)))
+    put(directory / "fig7.png", encoded(scene_picture(scene)))
     return {"things": [[thing.name, len(thing.points), len(thing.places)] for thing in scene.things]}
 
 
@@ -92,7 +90,11 @@ def jewellery(directory: Path, root: Path, scale: Scale) -> Facts:
         _keep_solid(directory, jewel, mesh)
         views = turntable(mesh, _TILE, metal, 2 * _VIEWS)[:_VIEWS][::-1]  # rotated clockwise from left to right
         sheets += [(Image.fromarray(view), f"{jewel}, {metal}, view {k}") for k, view in enumerate(views, 1)]
-        certificates = {name: certify(mesh, material(name)) for name in ("silver", "gold")}
+        certificates = {}
+        for name in ("silver", "gold"):
+            made = certify(mesh, material(name))
+            findings = [each.line for each in made.findings]
+            certificates[name] = {"passes": made.passes, "grams": made.grams, "findings": findings}
         box = np.ptp(mesh.vertices, axis=0) / mesh.metadata["voxel_mm"]
         pieces.append(
             {
@@ -102,18 +104,11 @@ def jewellery(directory: Path, root: Path, scale: Scale) -> Facts:
                 "fitness": row["fitness"],
                 "paper_grid": list(PAPER_GRIDS[jewel]),
                 "grid": np.ceil(box).astype(int).tolist(),
-                "certificates": {
-                    name: {
-                        "passes": made.passes,
-                        "grams": made.grams,
-                        "findings": [each.line for each in made.findings],
-                    }
-                    for name, made in certificates.items()
-                },
+                "certificates": certificates,
                 **_solid(mesh),
             }
         )
-    _keep_picture(directory / "fig8.png", captioned_sheet(sheets, _VIEWS))
+    put(directory / "fig8.png", encoded(captioned_sheet(sheets, _VIEWS)))
     return {"pieces": pieces, "catalogue": str(catalogue.path)}
 
 
@@ -123,7 +118,7 @@ def fig10(directory: Path) -> Facts:
 
     name = "06425"
     sweeps = paper_sweeps(np.array(TABLE1[name]))
-    _keep_picture(directory / "fig10.png", sweep_sheet(sweeps, 160))
+    put(directory / "fig10.png", encoded(sweep_sheet(sweeps, 160)))
     return {"design": name, "rows": [sweep.label for sweep in sweeps]}
 
 
@@ -147,12 +142,6 @@ def _solid(mesh: Any) -> Facts:
 def _keep_solid(directory: Path, name: str, mesh: Any) -> None:
     for file, content in mesh_files(mesh, ("stl", "glb")).items():
         put(directory / f"{name}{Path(file).suffix}", content)
-
-
-def _keep_picture(path: Path, picture: Image.Image) -> None:
-    content = io.BytesIO()
-    picture.save(content, "PNG", optimize=True)
-    put(path, content.getvalue())
 
 
 def shape_figure(root: Path, name: str, scale: Scale, scene_file: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable
 from html import escape
 from typing import Any
@@ -58,3 +59,9 @@ def table(columns: Iterable[str], rows: Iterable[tuple[Any, ...]]) -> str:
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
     body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     return f'<div class="scroll"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def picture(alt: str, content: bytes) -> str:
+    """A picture within the page, from the bytes of a PNG or a JPEG file."""
+    kind = "png" if content.startswith(b"\x89PNG") else "jpeg"
+    return f'<img alt="{escape(alt)}" src="data:image/{kind};base64,{base64.b64encode(content).decode()}">'

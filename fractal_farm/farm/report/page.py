@@ -6,7 +6,6 @@ as in the paper's figure 4, qualified designs and throughput over time, diversit
 
 from __future__ import annotations
 
-import base64
 import time
 from collections import Counter
 from html import escape
@@ -28,7 +27,7 @@ from fractal_farm.farm.report.curves import (
     spread_chart,
     throughput_chart,
 )
-from fractal_farm.farm.report.document import document, section, table
+from fractal_farm.farm.report.document import document, picture, section, table
 from fractal_farm.farm.run_status import failures, printable
 from fractal_farm.farm.stopping import chosen_run
 
@@ -165,7 +164,7 @@ def _sheet(root: Path) -> str:
         content = (root / "catalogue.png").read_bytes()
     except FileNotFoundError:
         return nothing("There is no picture of them yet.")
-    return f'<img alt="The best designs" src="data:image/png;base64,{base64.b64encode(content).decode()}">'
+    return picture("The best designs", content)
 
 
 def _configuration(history: RunHistory) -> str:
