@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -134,6 +135,15 @@ def test_what_ray_could_not_raise_comes_again() -> None:
         assert why() == "asked to end (SIGTERM)"
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """SIGINT as a terminal's process has it; one that a shell started in the background ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_that_another_exception_replaced_comes_again() -> None:
     def run() -> None:
         with contextlib.suppress(OSError):

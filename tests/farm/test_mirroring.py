@@ -121,6 +121,7 @@ def test_a_mirror_that_stays_silent_is_left_behind_and_caught_up_by_hand(
     for thread in threading.enumerate():  # a run's own process lives until its mirror has given up what it was sending
         if thread.name == "mirror":
             thread.join(60.0)
+            assert not thread.is_alive()
     object_store.start()
     # The dead run's lease is of this directory: nobody waits for it.
     assert main(["mirror", str(tmp_path / "run"), object_store.url, "--json"]) == 0
