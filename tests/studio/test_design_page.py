@@ -114,14 +114,21 @@ def test_a_solid_made_on_the_page_is_watertight_and_shines_in_gold(page: Browsed
     assert picture(page, "canvas.metal") != silver
 
 
-def test_cancelling_ends_a_solid(chromium: Any, studio: RunningStudio, design_id: str) -> None:
+def test_cancelling_ends_a_solid_even_before_the_studio_has_answered(
+    chromium: Any, studio: RunningStudio, design_id: str
+) -> None:
+    held: list[Any] = []
     with browsed(chromium, studio.address) as page:
         go(page, f"#/design/{design_id}", "#preset option")
+        page.page.route("**/api/solid", lambda route: held.append(route))
         page.page.select_option("#preset", "desk-nylon")
-        page.page.click("#make-solid")
-        page.until("document.querySelector('.progress').hidden === false")
+        with page.page.expect_request("**/api/solid"):
+            page.page.click("#make-solid")
         page.page.click(".progress button")
+        with page.page.expect_request("**/api/jobs/*/cancel"):
+            held[0].continue_()
         page.until("document.querySelector('.progress').hidden === true")
+        assert page.read("document.querySelector('.made').textContent") == "cancelled"
         assert page.read("document.querySelector('.download')") is None
         assert not page.read("document.querySelector('#make-solid').disabled")
 

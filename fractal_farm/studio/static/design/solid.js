@@ -17,7 +17,7 @@ export function solidPanel(design, studio) {
   const result = element("div", { class: "made" });
   const bar = element("progress", { max: 1, value: 0, "aria-label": "Progress of the solid" });
   const stage = element("span", { class: "soft", role: "status" });
-  const cancel = button("Cancel", () => state.job && studio.api.post(`jobs/${state.job}/cancel`, {}).catch(() => {}));
+  const cancel = button("Cancel", () => ((state.unwanted = true), cancelled()));
   const progress = element("div", { class: "progress", hidden: true }, bar, stage, cancel);
   const preset = element("select", { "aria-label": "Purpose and material", id: "preset" });
   const size = element("input", { type: "number", min: 1, max: 1000, step: 1, placeholder: "as usual", id: "size-mm" });
@@ -56,6 +56,8 @@ export function solidPanel(design, studio) {
     const parameters = {};
     if (size.value) parameters.size_mm = Number(size.value);
     if (wall.value) parameters.wall_mm = Number(wall.value);
+    state.job = null;
+    state.unwanted = false;
     make.disabled = true;
     progress.hidden = false;
     result.replaceChildren();
@@ -64,6 +66,7 @@ export function solidPanel(design, studio) {
     try {
       const { job } = await studio.api.post("solid", { design_id: design.design_id, preset: preset.value || undefined, parameters });
       state.job = job;
+      if (state.unwanted) cancelled();
       await follow(job);
     } catch (error) {
       say(complaint(error), "error");
@@ -71,6 +74,12 @@ export function solidPanel(design, studio) {
     }
     make.disabled = false;
     progress.hidden = true;
+  }
+
+  // A job has its name only when the studio has answered; who cancels before that is not forgotten.
+  function cancelled() {
+    stage.textContent = "cancelling";
+    if (state.job) studio.api.post(`jobs/${state.job}/cancel`, {}).catch((error) => say(complaint(error), "error"));
   }
 
   async function follow(job) {
