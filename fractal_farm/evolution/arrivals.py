@@ -9,12 +9,13 @@ import numpy as np
 
 from fractal_farm.config import EvolutionConfig
 from fractal_farm.evolution.archive import Archive
-from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, without_repeats
+from fractal_farm.evolution.designs import SCORE_FIELDS, Designs, unseen, without_repeats
 from fractal_farm.evolution.epoch import Candidates, GenerationStatistics, Scores
 from fractal_farm.evolution.migration import settle
 from fractal_farm.evolution.screening import ForeseenShapes
 
 _GAP = SCORE_FIELDS.index("gap")
+_SPARE = 8  # a library that needs room gets an eighth more
 
 
 @dataclass
@@ -22,7 +23,7 @@ class WorkingSpace:
     """The working space of one epoch.
 
     With niches the archive holds the library, and `foreseen` what known shapes were expected to be. `chosen` are more
-    parents.
+    parents. `room` is where a library that grows lies, with space behind it; `seen` are the identities in it.
     """
 
     library: Designs
@@ -31,6 +32,21 @@ class WorkingSpace:
     foreseen: ForeseenShapes | None = None
     born: list[Designs] = field(default_factory=list)
     statistics: list[GenerationStatistics] = field(default_factory=list)
+    room: Designs | None = None
+    seen: set[bytes] = field(default_factory=set)
+
+    def append(self, designs: Designs) -> Designs:
+        """Let the library grow by the designs that are not in it; those. A long library is not copied each time."""
+        count = len(self.library)
+        if self.room is None or self.library.base is not self.room:
+            self.room, self.seen = self.library, set(self.library["design_id"].tolist())
+        newcomers = unseen(designs, self.seen)
+        end = count + len(newcomers)
+        if end > len(self.room):
+            self.room = np.concatenate([self.library, np.zeros(end - count + count // _SPARE, self.library.dtype)])
+        self.room[count:end] = newcomers
+        self.library = self.room[:end]
+        return newcomers
 
 
 def steered(

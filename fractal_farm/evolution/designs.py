@@ -93,7 +93,11 @@ def total_order(designs: Designs) -> npt.NDArray[np.intp]:
 
 def without_repeats(designs: Designs, known: Designs) -> Designs:
     """The designs whose identity is neither in `known` nor earlier in `designs`, in their order."""
-    seen = set(known["design_id"].tolist())
+    return unseen(designs, set(known["design_id"].tolist()))
+
+
+def unseen(designs: Designs, seen: set[bytes]) -> Designs:
+    """The designs whose identity is neither in `seen` nor earlier in `designs`, in their order; now they are seen."""
     keep = []
     for index, identity in enumerate(designs["design_id"].tolist()):
         if identity not in seen:

@@ -161,7 +161,12 @@ def state_after(before: IslandState, record: EpochRecord, inbox: list[tuple[int,
 
 def library_after(previous: Designs, record: EpochRecord) -> Designs:
     """The library at the end of a record's epoch, from the one before it."""
-    library = np.concatenate([previous[record.survivors], record.entrants])[record.order]
+    library = _taken(np.concatenate([_taken(previous, record.survivors), record.entrants]), record.order)
     if len(record.hits):
         library["hits"] += record.hits
     return library
+
+
+def _taken(rows: Designs, places: npt.NDArray[np.int32]) -> Designs:
+    """`rows[places]`; the rows themselves where that is all of them in their order, as in a library that only grows."""
+    return rows if np.array_equal(places, np.arange(len(rows))) else rows[places]

@@ -86,19 +86,17 @@ def advance(
     merit = after["fitness"] if work.archive is None else parent_weights(after, config)
     migration = config.migration
     leaving = emigrants(after, merit, migration.selection, migration.emigrants, config.seed, island, generation)
-    place_before = {identity: k for k, identity in enumerate(before["design_id"].tolist())}
-    origin = [place_before.get(identity, -1) for identity in after["design_id"].tolist()]
-    stayed = [k for k, at in enumerate(origin) if at >= 0]
-    came = [k for k, at in enumerate(origin) if at < 0]
+    origin = _origin(after, before)
+    stayed, came = np.flatnonzero(origin >= 0), np.flatnonzero(origin < 0)
     order = np.empty(len(after), np.int32)
-    order[stayed + came] = np.arange(len(after), dtype=np.int32)
+    order[np.concatenate([stayed, came])] = np.arange(len(after), dtype=np.int32)
     hits = np.zeros(len(after) if work.archive is not None else 0, np.int32)
     if work.archive is not None:
-        hits[stayed] = after["hits"][stayed] - before["hits"][[origin[k] for k in stayed]]
+        hits[stayed] = after["hits"][stayed] - before["hits"][origin[stayed]]
     return EpochRecord(
         island,
         epoch,
-        np.array([origin[k] for k in stayed], np.int32),
+        origin[stayed].astype(np.int32),
         after[came],
         order,
         np.array(leaving, np.int32),
@@ -119,6 +117,15 @@ def drive(steps: Generator[Candidates, Scores, EpochRecord], evaluate: Callable[
     except StopIteration as stop:
         record: EpochRecord = stop.value
         return record
+
+
+def _origin(after: Designs, before: Designs) -> npt.NDArray[np.intp]:
+    """Where the designs of a library were in the one before, -1 for those that are new."""
+    identities, known = after["design_id"], before["design_id"]
+    if np.array_equal(identities[: len(known)], known):  # it has only grown, and may be long
+        return np.concatenate([np.arange(len(known)), np.full(len(after) - len(known), -1)])
+    places = {identity: k for k, identity in enumerate(known.tolist())}
+    return np.array([places.get(identity, -1) for identity in identities.tolist()], np.intp)
 
 
 def _found(
@@ -235,17 +242,15 @@ def _measure_solids(work: WorkingSpace) -> Generator[Candidates, Scores, None]:
 
 def _join(work: WorkingSpace, accepted: Designs, config: EvolutionConfig) -> Designs:
     """Accepted offspring join the library; with `keep_best` only those that are among its best afterwards."""
-    best_only = config.library.growth == "keep_best"
-    if best_only and len(work.library) >= config.library.size:
+    if config.library.growth != "keep_best":
+        return work.append(_identified(accepted, config))
+    if len(work.library) >= config.library.size:
         # Those below the worst member cannot stay, and need no identity: hashing is the dear part.
         accepted = accepted[accepted["fitness"] >= work.library["fitness"].min()]
     newcomers = without_repeats(_identified(accepted, config), work.library)
     library = np.concatenate([work.library, newcomers])
-    if best_only:
-        library = library[total_order(library)[: config.library.size]]
-        newcomers = newcomers[np.isin(newcomers["design_id"], library["design_id"])]
-    work.library = library
-    return newcomers
+    work.library = library[total_order(library)[: config.library.size]]
+    return newcomers[np.isin(newcomers["design_id"], work.library["design_id"])]
 
 
 def _scored(brood: Brood, scores: Scores, config: EvolutionConfig, island: int, epoch: int, generation: int) -> Designs:
