@@ -16,7 +16,7 @@ from tests.catalogue.examples import RUN, files
 HOUSE = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.parametrize("kills", [12, pytest.param(120, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [12, pytest.param(60, marks=pytest.mark.slow)])
 def test_a_run_killed_again_and_again_loses_nothing_tears_nothing_and_repeats_nothing(root, tmp_path, kills):
     environment = os.environ | {"PYTHONPATH": str(HOUSE)}
     command = [sys.executable, "-m", "tests.catalogue.under_fire", str(root), str(kills)]

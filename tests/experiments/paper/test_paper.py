@@ -152,11 +152,12 @@ def test_the_best_reading_agrees_in_most_and_costs_what_the_papers_did():
 @pytest.mark.slow
 def test_farm_paper_all_makes_everything(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(ROOT)
-    assert main(["paper", "all", "--out", str(tmp_path / "paper"), "--json"]) == 0
+    out = str(tmp_path / "paper")
+    assert main(["paper", "all", "--out", out, "--experiments", "5", "--json"]) == 0
     results = json.loads(capsys.readouterr().out)
     assert set(FIGURES) <= set(results)
     assert results["fig5"]["ordered"]
-    assert results["fig5"]["confidence"] > 0.95
+    assert results["fig5"]["confidence"] > 0.8  # of five experiments; ten give more
     above = {row["name"] for row in results["sensitivity"]["rows"] if row["above"] == row["generations"]}
     assert "clipped" in above
     for piece in results["fig8"]["pieces"]:
