@@ -332,6 +332,7 @@ class SolidsConfig(Section):
     bail_hole_mm: Annotated[float, Field(ge=0.5, le=20)] | None = Field(
         None, description="inner diameter of the ring, millimetres; null: the preset's, or 3"
     )
+    engrave: bool | None = Field(None, description="the design code on the underside of the base; null: no")
     sprue: bool | None = Field(None, description="a cone for casting, below; null: the preset's, or no")
     formats: Annotated[tuple[Literal["glb", "3mf", "stl", "ply", "obj"], ...], Strict(False), Field(min_length=1)] = (
         Field(("glb", "stl"), description="files for each mesh")

@@ -107,6 +107,10 @@ def mesh(
     bail_hole: Annotated[
         float | None, typer.Option(help="Inner diameter of the ring, mm; default: 3.", show_default=False)
     ] = None,
+    engrave: Annotated[
+        bool | None,
+        typer.Option("--engrave/--no-engrave", help="The design code, under the base.", show_default=False),
+    ] = None,
     sprue: Annotated[
         bool | None, typer.Option("--sprue/--no-sprue", help="A cone for casting, below.", show_default=False)
     ] = None,
@@ -145,6 +149,7 @@ def mesh(
         base=base and base.value,
         bail=bail and bail.value,
         bail_hole_mm=bail_hole,
+        engrave=engrave,
         sprue=sprue,
     )
     check_licence(licence)

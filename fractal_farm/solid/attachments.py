@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fractal_farm.errors import FarmError
+from fractal_farm.solid.engraving import engraving, least_radius
 from fractal_farm.solid.parameters import SolidParameters
 from fractal_farm.solid.surface import Surface
 
@@ -31,12 +32,13 @@ _SPECK = 1e-3  # mm3, what counts as a cavity
 FloatArray = npt.NDArray[np.float64]
 
 
-def with_attachments(surface: Surface, parameters: SolidParameters) -> Surface:
+def with_attachments(surface: Surface, parameters: SolidParameters, code: str) -> Surface:
     """A body with its base, bail and sprue; itself if none is asked for.
 
     Args:
         surface: one closed body, mm, z up.
         parameters: what is asked for.
+        code: the design code, for the engraving.
 
     Returns:
         One closed body without cavities, in the same place.
@@ -49,13 +51,17 @@ def with_attachments(surface: Surface, parameters: SolidParameters) -> Surface:
     vertices, faces = surface.vertices, surface.faces
     body = manifold3d.Manifold(manifold3d.Mesh(vertices, faces.astype(np.uint32)))
     parts = [body]
+    cut: list[manifold3d.Manifold] = []
     if parameters.base != "none":
-        parts += _base(vertices, body, parameters)
+        stands_on, underside, radius = _base(vertices, body, parameters, least_radius(code))
+        parts += stands_on
+        cut = [engraving(code, underside, radius, parameters.wall_mm)] if parameters.engrave else []
     if parameters.bail == "ring":
         parts.append(_ring(vertices, parameters))
     if parameters.sprue:
         parts.append(_sprue(vertices, parameters))
     solid = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
+    solid = manifold3d.Manifold.batch_boolean([solid, *cut], manifold3d.OpType.Subtract)
     pieces = solid.decompose()
     outer = [piece for piece in pieces if piece.volume() > 0.0]
     if solid.status() != manifold3d.Error.NoError or len(outer) != 1:
@@ -98,9 +104,13 @@ def _ring(vertices: npt.NDArray[np.float32], parameters: SolidParameters) -> man
 
 
 def _base(
-    vertices: npt.NDArray[np.float32], body: manifold3d.Manifold, parameters: SolidParameters
-) -> list[manifold3d.Manifold]:
-    """A disc below the centre of mass, wide enough that the piece does not fall, and for a stand its column."""
+    vertices: npt.NDArray[np.float32], body: manifold3d.Manifold, parameters: SolidParameters, engraved: float
+) -> tuple[list[manifold3d.Manifold], FloatArray, float]:
+    """A disc below the centre of mass, wide enough that the piece does not fall, and for a stand its column.
+
+    `engraved` is the least radius if it is engraved, mm.
+    Also the centre (3,) of its underside and its radius, mm.
+    """
     wall = parameters.wall_mm
     tip = _extreme(vertices, -1.0)
     lowest = float(tip[2])
@@ -115,14 +125,14 @@ def _base(
         height = _COLUMN * parameters.size_mm
         reach = float(np.linalg.norm(tip[:2] - centre[:2])) + 2.0 * _COLUMN_WIDTH * wall
         bottom = lowest - height
-    radius = max(_FOOT * float(sides[:2].max()), reach)
+    radius = max(_FOOT * float(sides[:2].max()), reach, engraved if parameters.engrave else 0.0)
     disc = manifold3d.Manifold.cylinder(thickness, radius, radius, 2 * _SEGMENTS)
     parts = [disc.translate((centre[0], centre[1], bottom))]
     if parameters.base == "stand":
         narrow = _COLUMN_WIDTH * wall
         column = manifold3d.Manifold.cylinder(height + wall, 1.5 * narrow, narrow, _SEGMENTS)
         parts.append(column.translate((tip[0], tip[1], bottom)))
-    return parts
+    return parts, np.array([centre[0], centre[1], bottom]), radius
 
 
 def _sprue(vertices: npt.NDArray[np.float32], parameters: SolidParameters) -> manifold3d.Manifold:

@@ -121,7 +121,7 @@ def certify(mesh: trimesh.Trimesh, material: Material) -> Certificate:
     closed = not faults
     inverted = whole.metadata["_turned"] and closed
     parts = pieces(whole, oriented=closed)
-    rays = cast_rays(whole)
+    rays = cast_rays(whole, engraved_mm=_engraved_mm(mesh))
     limit = WALL_TOLERANCE * material.wall
     volume = float(signed_volumes(whole).sum()) if closed else None
     box = np.asarray(whole.extents, dtype=np.float64)
@@ -198,7 +198,7 @@ def certificate(mesh: trimesh.Trimesh) -> dict[str, Any]:
 
 def measured_wall(mesh: trimesh.Trimesh) -> float:
     """The thickness that all but WALL_QUANTILE of the surface reach, by rays; NaN where no ray left the mesh."""
-    wall = cast_rays(mesh).wall(WALL_QUANTILE)
+    wall = cast_rays(mesh, engraved_mm=_engraved_mm(mesh)).wall(WALL_QUANTILE)
     return math.nan if wall is None else wall
 
 
@@ -251,6 +251,11 @@ def _outwards(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         copy.invert()
     copy.metadata["_turned"] = turned
     return copy
+
+
+def _engraved_mm(mesh: trimesh.Trimesh) -> float:
+    depth = mesh.metadata.get("engraved_mm")
+    return float(depth) if isinstance(depth, (int, float)) else 0.0
 
 
 def _text(mesh: trimesh.Trimesh, key: str) -> str | None:

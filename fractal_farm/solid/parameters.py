@@ -36,6 +36,7 @@ class SolidParameters:
         base: "none"; "plate": a disc that the lowest part stands in; "stand": a disc with a column below the piece.
         bail: "none", or "ring": a ring on the highest point, to hang the piece by.
         bail_hole_mm: inner diameter of the ring, 0.5 to 20.
+        engrave: cut the design code into the underside of the base, 0.4 walls deep.
         sprue: a cone below the lowest point through which metal flows in; not together with a base.
 
     Raises:
@@ -57,6 +58,7 @@ class SolidParameters:
     base: str = "none"
     bail: str = "none"
     bail_hole_mm: float = 3.0
+    engrave: bool = False
     sprue: bool = False
 
     def __post_init__(self) -> None:
@@ -134,5 +136,7 @@ class SolidParameters:
                 raise InputError(f"{name} is {getattr(self, name)!r}; choose from {', '.join(allowed)}")
         if not 0.5 <= self.bail_hole_mm <= 20.0:
             raise InputError(f"bail_hole_mm is {self.bail_hole_mm:g}; give 0.5 to 20")
+        if self.engrave and self.base == "none":
+            raise InputError("engrave is True, and there is no base to engrave; give a base, plate or stand")
         if self.sprue and self.base != "none":
             raise InputError(f"sprue and base {self.base!r} would both be below the piece; leave one out")

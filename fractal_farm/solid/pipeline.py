@@ -18,6 +18,7 @@ import trimesh
 
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.copies import copied, joints
+from fractal_farm.ifs.design_code import design_code
 from fractal_farm.ifs.enclosure import Enclosure
 from fractal_farm.ifs.gap import measure_gap
 from fractal_farm.ifs.genome import Genome, as_genome
@@ -27,6 +28,7 @@ from fractal_farm.ifs.support import longest_side
 from fractal_farm.solid.attachments import with_attachments
 from fractal_farm.solid.body import BodyReport, make_one_body
 from fractal_farm.solid.certificate import measured_wall
+from fractal_farm.solid.engraving import DEPTH
 from fractal_farm.solid.findings import WALL_TOLERANCE
 from fractal_farm.solid.memory import check_memory, predict_memory
 from fractal_farm.solid.offsets import close_slits
@@ -158,11 +160,15 @@ def _made(
     surface = surface_of(field, grid, begin)
     lowest, highest = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     centre, fit = 0.5 * (lowest + highest), parameters.size_mm / float((highest - lowest).max())
-    surface = with_attachments(Surface((surface.vertices - centre) * fit, surface.faces, surface.genus), parameters)
+    surface = Surface((surface.vertices - centre) * fit, surface.faces, surface.genus)
+    surface = with_attachments(surface, parameters, design_code(genome.design_id))
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     mesh.metadata.update(_metadata(genome, parameters, plan, gap, body, surface))
     placed = {"attractor_scale": scale * fit, "attractor_offset_mm": [float(-fit * along) for along in centre]}
-    mesh.metadata.update(facts | placed, wall_measured_mm=measured_wall(mesh))
+    mesh.metadata.update(facts | placed)
+    if parameters.engrave:
+        mesh.metadata["engraved_mm"] = DEPTH * parameters.wall_mm
+    mesh.metadata["wall_measured_mm"] = measured_wall(mesh)
     if parameters.bridges:
         mesh.metadata["struts"] = struts
     if hollows is not None:

@@ -75,17 +75,20 @@ class ThinPlace:
     share: float
 
 
-def cast_rays(mesh: trimesh.Trimesh, samples: int = SAMPLES) -> Rays:
+def cast_rays(mesh: trimesh.Trimesh, samples: int = SAMPLES, engraved_mm: float = 0.0) -> Rays:
     """Rays from places spread evenly over the surface; always the same ones for the same mesh.
 
     Args:
         mesh: of positive area, with normals outwards.
         samples: how many.
+        engraved_mm: depth of letters in the underside; their sides are no walls, and are left out.
     """
     starts, faces = trimesh.sample.sample_surface(mesh, samples, seed=_SEED)
     normals = np.asarray(mesh.face_normals)[faces]
     lengths, far = _leave(mesh, np.asarray(starts), normals, np.asarray(faces))
     left = lengths > 0.0
+    if engraved_mm > 0.0:
+        left &= (np.asarray(starts)[:, 2] > mesh.bounds[0, 2] + engraved_mm) | (np.abs(normals[:, 2]) > 0.5)
     return Rays(
         np.asarray(starts)[left],
         normals[left],

@@ -81,6 +81,7 @@ class ParametersBody(Section):
     base: Literal[BASES] | None = None  # type: ignore[valid-type]
     bail: Literal[BAILS] | None = None  # type: ignore[valid-type]
     bail_hole_mm: float | None = Field(None, ge=0.5, le=20)
+    engrave: bool | None = None
     sprue: bool | None = None
 
 

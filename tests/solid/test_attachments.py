@@ -4,17 +4,21 @@ import manifold3d
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image, ImageDraw, ImageFont, ImageOps
 from scipy.spatial import cKDTree
 
-from fractal_farm.errors import FarmError
+from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.genome import as_genome
 from fractal_farm.solid.attachments import ring_hole, with_attachments
+from fractal_farm.solid.certificate import certify
+from fractal_farm.solid.materials import material
 from fractal_farm.solid.parameters import SolidParameters
 from fractal_farm.solid.pipeline import make_solid
 from fractal_farm.solid.surface import Surface
 from tests.ifs.attractors import CANTOR_SQUARE, TETRAHEDRON, UNIT_CUBE, random_genome
 from tests.table1 import TABLE1
 
+CODE = "FF-0E3E-RK8M-94CX-9"
 GENOMES = [TABLE1["06447"], TABLE1["06582"], TETRAHEDRON, random_genome(3)]
 
 
@@ -23,7 +27,7 @@ def surface_of(mesh):
 
 
 def attached(mesh, parameters):
-    surface = with_attachments(surface_of(mesh), parameters)
+    surface = with_attachments(surface_of(mesh), parameters, CODE)
     return trimesh.Trimesh(surface.vertices, surface.faces, process=False)
 
 
@@ -41,7 +45,7 @@ def body(request):
 
 def test_nothing_asked_for_changes_nothing(body):
     surface = surface_of(body)
-    assert with_attachments(surface, SolidParameters(resolution=120)) is surface
+    assert with_attachments(surface, SolidParameters(resolution=120), CODE) is surface
 
 
 @pytest.mark.parametrize("hole", [1.5, 4.0])
@@ -92,6 +96,69 @@ def test_a_base_is_flat_below_and_the_piece_stands_on_it(body, base):
     assert np.linalg.norm(mesh.center_mass[:2] - middle) < 0.5 * radius
     assert (bottom < body.bounds[0, 2] - 1.0) == (base == "stand")
     assert mesh.bounds[1, 2] == pytest.approx(body.bounds[1, 2], abs=1e-4)
+
+
+def seen_from_below(mesh, height):
+    """Grooves of the underside as a picture, a pixel 0.05 mm: where there is no material at a height, x to the left."""
+    bottom = mesh.bounds[0, 2]
+    foot = mesh.vertices[mesh.vertices[:, 2] < bottom + 1e-3, :2]
+    low, high = foot.min(axis=0), foot.max(axis=0)
+    middle, radius = 0.5 * (low + high), 0.5 * np.ptp(foot, axis=0).max()
+    x, y = np.meshgrid(np.arange(high[0], low[0], -0.05), np.arange(high[1], low[1], -0.05))
+    places = np.stack([x, y, np.full_like(x, bottom + height)], axis=-1)
+    on_disc = np.hypot(x - middle[0], y - middle[1]) < radius - 0.1
+    empty = on_disc & ~mesh.contains(places.reshape(-1, 3)).reshape(x.shape)
+    return Image.fromarray(empty)
+
+
+def likeness(picture, text):
+    """Share of pixels that are as in a picture of the text in three lines."""
+    image = Image.new("1", (100, 60))
+    font = ImageFont.load_default_imagefont()
+    ImageDraw.Draw(image).multiline_text((5, 5), text, 1, font, align="center", spacing=0)
+    wanted = image.crop(image.getbbox()).resize(picture.size, Image.Resampling.NEAREST)
+    return np.mean(np.asarray(wanted) == np.asarray(picture))
+
+
+@pytest.mark.parametrize("base", ["plate", "stand"])
+def test_the_code_is_read_on_the_underside(body, base):
+    parameters = SolidParameters(resolution=120, base=base, engrave=True)
+    mesh = attached(body, parameters)
+    assert_one_body(mesh)
+    picture = seen_from_below(mesh, 0.2 * parameters.wall_mm)
+    picture = picture.crop(picture.getbbox())
+    right = likeness(picture, "FF-0E3E\nRK8M\n94CX-9")
+    assert right > 0.95
+    for wrong in ("FF-0E3E\nRK8M\n94CX-8", "FF-0E3E\nRK8N\n94CX-9", "FF-DE3E\nRK8M\n94CX-9"):
+        assert likeness(picture, wrong) < right
+    assert likeness(ImageOps.mirror(picture), "FF-0E3E\nRK8M\n94CX-9") < 0.9
+    assert seen_from_below(mesh, 0.39 * parameters.wall_mm).getbbox() is not None
+    assert seen_from_below(mesh, 0.41 * parameters.wall_mm).getbbox() is None
+
+
+def test_a_base_that_is_engraved_has_room_for_the_strokes():
+    small = SolidParameters(12.0, 0.6, 60, base="plate", engrave=True)
+    mesh = make_solid(as_genome(TABLE1["06447"]), small)
+    assert_one_body(mesh)
+    letters = seen_from_below(mesh, 0.2 * small.wall_mm).getbbox()
+    # 51 strokes of 0.25 mm from corner to corner of the writing.
+    assert 0.05 * np.hypot(letters[2] - letters[0], letters[3] - letters[1]) == pytest.approx(51 * 0.25, rel=0.05)
+
+
+def test_the_sides_of_letters_are_no_walls():
+    plain = SolidParameters(40.0, 1.0, 160, base="stand")
+    bare, engraved = (make_solid(as_genome(TABLE1["06447"]), each) for each in (plain, replace(plain, engrave=True)))
+    assert certify(bare, material("nylon")).passes
+    assert certify(engraved, material("nylon")).passes
+    assert engraved.metadata["wall_measured_mm"] == pytest.approx(bare.metadata["wall_measured_mm"], rel=0.05)
+    # As they would be if nobody had said what they are.
+    del engraved.metadata["engraved_mm"]
+    assert not certify(engraved, material("nylon")).passes
+
+
+def test_an_engraving_without_a_base_is_refused():
+    with pytest.raises(InputError, match="engrave is True, and there is no base to engrave; give a base"):
+        SolidParameters(engrave=True)
 
 
 def test_a_sprue_feeds_the_lowest_point(body):
