@@ -136,12 +136,14 @@ def _base(
 
 
 def _sprue(vertices: npt.NDArray[np.float32], parameters: SolidParameters) -> manifold3d.Manifold:
-    """A cone, narrow end a wall deep in the lowest point."""
+    """A cone, narrow end a wall deep in the lowest point, and a disc below it: its rim is no edge."""
     wall = parameters.wall_mm
     tip = _extreme(vertices, -1.0)
     length = _SPRUE_LENGTH * parameters.size_mm
-    cone = manifold3d.Manifold.cylinder(length + wall, _SPRUE_WIDE * wall, _SPRUE_NARROW * wall, _SEGMENTS)
-    return cone.translate((tip[0], tip[1], tip[2] - length))
+    wide = _SPRUE_WIDE * wall
+    cone = manifold3d.Manifold.cylinder(length, wide, _SPRUE_NARROW * wall, _SEGMENTS).translate((0.0, 0.0, wall))
+    foot = manifold3d.Manifold.cylinder(wall, wide, wide, _SEGMENTS)
+    return (foot + cone).translate((tip[0], tip[1], tip[2] - length))
 
 
 def _extreme(vertices: npt.NDArray[np.float32], sign: float) -> FloatArray:

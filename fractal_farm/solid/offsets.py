@@ -19,19 +19,41 @@ _NEAR = 2.0  # voxels from the surface in which it is told finely
 Field = npt.NDArray[np.float32]
 
 
-def close_slits(field: Field, radius: float) -> None:
+def close_slits(field: Field, radius: float, least: float = 0.0) -> None:
     """Morphological closing by a ball, in place: what no ball of `radius` outside of the solid reaches joins it.
 
-    Nothing is taken away, and the box does not grow: a closing stays within the convex hull.
+    Nothing is taken away, and the box does not grow: a closing stays within the convex hull. A hole hardly narrower
+    than the ball would be closed by a film; what is too thin for a ball of `least` does not join.
 
     Args:
         field: (nx, ny, nz) float32, signed distance in voxels, negative inside, exact up to `radius` + 1 outside.
         radius: voxels, above 0.
+        least: voxels; 0: whatever its thickness.
     """
+    before = field.copy() if least else field
     depth = distance_to(field, radius, radius + _NEAR)
     np.subtract(np.float32(radius), depth, out=depth)
     # Beyond the reach of the ball nothing changes.
     np.minimum(field, depth, out=field, where=field < radius)
+    if least:
+        del depth
+        np.minimum(before, opened(field, least), out=field)
+
+
+def opened(field: Field, radius: float) -> Field:
+    """Morphological opening by a ball: of a solid, what a ball of `radius` inside of it reaches.
+
+    Args:
+        field: (nx, ny, nz) float32, signed distance in voxels, negative inside; exact near the surface.
+        radius: voxels, above 0.
+
+    Returns:
+        (nx, ny, nz) float32, signed distance in voxels, exact near the surface.
+    """
+    depth = distance_to(field, 0.0, radius + _NEAR)
+    out = distance_to(depth, radius, radius + _NEAR)
+    out -= np.float32(radius)
+    return np.maximum(out, field, out=out)
 
 
 def distance_to(field: Field, level: float, reach: float = math.inf) -> Field:

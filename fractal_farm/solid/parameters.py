@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from fractal_farm.errors import InputError
 
-PIPELINE_VERSION = "solid-3"
+PIPELINE_VERSION = "solid-4"
 BASES = ("none", "plate", "stand")
 BAILS = ("none", "ring")
 _ALWAYS = ("size_mm", "wall_mm", "resolution", "thicken")

@@ -153,7 +153,7 @@ def _made(
     }
     del skeleton, cover  # a quarter of the memory of the stages to come
     if closing:
-        close_slits(field, closing)
+        close_slits(field, closing, 0.5 * parameters.wall_mm / parameters.voxel_mm)
     begin("one body")
     body = _one_body(field, parameters, name)
     hollows = _hollowed(field, parameters, name)
@@ -190,10 +190,10 @@ def _hollowed(field: npt.NDArray[np.float32], parameters: SolidParameters, name:
     """Hollow what is too thick, if that is asked for; None if it is not."""
     if parameters.shell_mm == 0.0:
         return None
-    lengths = (parameters.shell_mm, parameters.shell_above_mm, parameters.drain_mm)
-    shell, above, drain = (length / parameters.voxel_mm for length in lengths)
+    lengths = (parameters.shell_mm, parameters.shell_above_mm, parameters.drain_mm, 0.5 * parameters.wall_mm)
+    shell, above, drain, least = (length / parameters.voxel_mm for length in lengths)
     try:
-        hollows = hollow(field, shell, above, drain, downwards=parameters.base == "none")
+        hollows = hollow(field, shell, above, drain, least, downwards=parameters.base == "none")
     except FarmError as error:
         raise FarmError(f"design {name}: {error}") from None
     if hollows.count:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from fractal_farm.errors import FarmError
-from fractal_farm.solid.offsets import Field, distance_to
+from fractal_farm.solid.offsets import Field, distance_to, opened
 
 _NEAR = 2.0  # voxels from the surface in which it is told finely
 _SMOOTHING = 0.75
@@ -44,7 +44,7 @@ class Hollows:
     axes: FloatArray
 
 
-def hollow(field: Field, shell: float, above: float, drain: float, downwards: bool) -> Hollows:
+def hollow(field: Field, shell: float, above: float, drain: float, least: float, downwards: bool) -> Hollows:
     """Take out what lies deep in thick parts, and drain it, in place.
 
     Args:
@@ -52,6 +52,7 @@ def hollow(field: Field, shell: float, above: float, drain: float, downwards: bo
         shell: thickness that stays, voxels.
         above: thickness that is still left solid, voxels; above 2 shell.
         drain: diameter of the holes, voxels, at most half of `above`. Hollows smaller than a ball of it stay solid.
+        least: half of the wall, voxels: a drain that passes close below the surface takes what is thinner along.
         downwards: whether drains may point down.
 
     Raises:
@@ -77,7 +78,7 @@ def hollow(field: Field, shell: float, above: float, drain: float, downwards: bo
         axes.append(_way_out(field, places, downwards))
     np.maximum(field, -cavity, out=field)
     for begin, end in axes:
-        _drill(field, begin, end, 0.5 * drain)
+        _drill(field, begin, end, 0.5 * drain, least)
     left = int(np.count_nonzero(field < 0.0))
     return Hollows(len(axes), 1.0 - left / inside, np.array(axes).reshape(-1, 2, 3))
 
@@ -110,13 +111,14 @@ def _way_out(field: Field, places: npt.NDArray[np.int64], downwards: bool) -> tu
     return found
 
 
-def _drill(field: Field, begin: FloatArray, end: FloatArray, radius: float) -> None:
-    """A round hole from `begin`, flat there, to `radius` beyond `end`, voxels."""
+def _drill(field: Field, begin: FloatArray, end: FloatArray, radius: float, least: float) -> None:
+    """A round hole from `begin`, flat there, to `radius` beyond `end`, voxels; what is thinner beside it goes, too."""
     length = float(np.linalg.norm(end - begin))
     axis = (end - begin) / length
     corners = np.stack([begin, end + radius * axis])
-    low = np.maximum(np.floor(corners.min(axis=0) - radius - 2.0).astype(int), 0)
-    high = np.minimum(np.ceil(corners.max(axis=0) + radius + 3.0).astype(int), field.shape)
+    room = radius + 4.0 * least + 2.0
+    low = np.maximum(np.floor(corners.min(axis=0) - room).astype(int), 0)
+    high = np.minimum(np.ceil(corners.max(axis=0) + room).astype(int) + 1, field.shape)
     box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
     steps = np.stack(np.meshgrid(*(np.arange(a, b) for a, b in zip(low, high, strict=True)), indexing="ij"), axis=-1)
     steps = steps - begin
@@ -124,6 +126,8 @@ def _drill(field: Field, begin: FloatArray, end: FloatArray, radius: float) -> N
     across = np.sqrt(np.maximum((steps * steps).sum(axis=-1) - along * along, 0.0))
     hole = np.minimum(np.minimum(radius - across, along), length + radius - along)
     field[box] = np.maximum(field[box], hole.astype(np.float32))
+    near = hole > -2.0 * least
+    field[box][near] = opened(field[box], least)[near]
 
 
 def _sphere(count: int) -> FloatArray:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.genome import as_genome
 from fractal_farm.solid.attachments import ring_hole, with_attachments
-from fractal_farm.solid.certificate import certify
+from fractal_farm.solid.certificate import certify, measured_wall
 from fractal_farm.solid.materials import material
 from fractal_farm.solid.parameters import SolidParameters
 from fractal_farm.solid.pipeline import make_solid
@@ -165,11 +165,17 @@ def test_a_sprue_feeds_the_lowest_point(body):
     parameters = SolidParameters(resolution=120, sprue=True)
     mesh = attached(body, parameters)
     assert_one_body(mesh)
-    # Frustum of radii 2.5 and 1 walls; at most the narrow end is inside of the body.
-    length, wide, narrow = 0.2 * 30.0 + 0.8, 2.5 * 0.8, 0.8
-    cone = np.pi / 3.0 * length * (wide**2 + wide * narrow + narrow**2)
+    # A disc of 2.5 walls, and a frustum of radii 2.5 and 1; at most the narrow end is inside of the body.
+    length, wide, narrow = 0.2 * 30.0, 2.5 * 0.8, 0.8
+    cone = np.pi * wide**2 * 0.8 + np.pi / 3.0 * length * (wide**2 + wide * narrow + narrow**2)
     assert 0.85 * cone < mesh.volume - body.volume < cone
     assert mesh.bounds[0, 2] == pytest.approx(body.bounds[0, 2] - 6.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("added", [{"bail": "ring"}, {"sprue": True}, {"base": "plate"}, {"base": "stand"}])
+def test_what_is_built_on_is_no_thinner_than_the_wall(body, added):
+    parameters = SolidParameters(resolution=120, **added)
+    assert measured_wall(attached(body, parameters)) >= 0.95 * min(measured_wall(body), parameters.wall_mm)
 
 
 def test_a_base_that_would_close_a_drain_is_refused():

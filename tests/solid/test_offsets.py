@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fractal_farm.solid.offsets import close_slits, distance_to
+from fractal_farm.solid.offsets import close_slits, distance_to, opened
 
 
 def ball_field(centres, radius, shape):
@@ -38,3 +38,30 @@ def test_two_balls_are_joined_where_the_closing_ball_does_not_pass(radius, joine
     if joined:
         across = np.flatnonzero(field[20, :, 24] < 0.0)
         assert across.max() - across.min() == pytest.approx(2.0 * neck, abs=1.6)
+
+
+@pytest.mark.parametrize(("hole", "stays"), [(3.9, False), (1.0, True)])
+def test_a_hole_is_closed_by_what_is_as_thick_as_the_wall_or_not_at_all(hole, stays):
+    # A ball of radius 6 upon a ring with a tube of radius 6 has its centre sqrt(12^2 - (6 + hole)^2) above the middle;
+    # what it leaves there is thinner by its radius: 0.8 voxels to either side, or 3.7.
+    steps = np.indices((45, 45, 25)) - np.array([22.1, 22.2, 12.1])[:, None, None, None]
+    field = (np.hypot(np.hypot(steps[0], steps[1]) - (6.0 + hole), steps[2]) - 6.0).astype(np.float32)
+    thickness = np.sqrt(144.0 - (6.0 + hole) ** 2) - 6.0
+    film = field.copy()
+    close_slits(film, 6.0)
+    assert film[22, 22, 12] == pytest.approx(-thickness, abs=0.5)
+    closed = field.copy()
+    close_slits(closed, 6.0, 3.0)
+    assert (closed[22, 22, 12] < 0.0) == stays
+    assert np.all(closed <= field)
+    assert np.all(closed >= film)
+
+
+def test_an_opening_takes_what_is_too_thin_and_leaves_the_rest():
+    ball = ball_field([(20.3, 19.6, 20.1)], 9.4, (41, 41, 41))
+    wire = ball_field([(20.3, 19.6, z) for z in np.arange(4.0, 37.0, 0.25)], 2.0, (41, 41, 41))
+    trimmed = opened(np.minimum(ball, wire), 3.0)
+    near = np.abs(ball) < 1.5
+    away = near & (wire > 3.0)
+    np.testing.assert_allclose(trimmed[away], ball[away], atol=0.3)
+    assert trimmed[20, 20, 35] > 0.0

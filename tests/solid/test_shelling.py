@@ -21,7 +21,7 @@ def ball_field(radius, size):
 
 def test_a_hollowed_ball_is_a_shell_with_one_round_hole():
     field = ball_field(24.0, 57)
-    hollows = hollow(field, 6.0, 20.0, 6.0, downwards=True)
+    hollows = hollow(field, 6.0, 20.0, 6.0, 2.0, downwards=True)
     assert hollows.count == 1
     # The shell may be thicker by half a voxel, never thinner.
     hole = np.pi * 3.0**2 * 6.0 / (4 / 3 * np.pi * 24.0**3)
@@ -39,7 +39,7 @@ def test_a_hollowed_ball_is_a_shell_with_one_round_hole():
 def test_what_is_thinner_than_the_threshold_stays_solid():
     field = ball_field(9.0, 27)
     before = field.copy()
-    assert hollow(field, 4.0, 18.5, 4.0, downwards=True).count == 0
+    assert hollow(field, 4.0, 18.5, 4.0, 2.0, downwards=True).count == 0
     np.testing.assert_array_equal(field, before)
 
 
@@ -49,7 +49,7 @@ def test_the_shell_is_nowhere_thinner_than_asked_for():
     beyond = np.abs(steps) - halves
     field = (np.linalg.norm(np.maximum(beyond, 0.0), axis=0) + np.minimum(beyond.max(axis=0), 0.0)).astype(np.float32)
     solid = field < 0.0
-    (begin, end) = hollow(field, 5.0, 20.0, 4.0, downwards=False).axes[0]
+    (begin, end) = hollow(field, 5.0, 20.0, 4.0, 2.0, downwards=False).axes[0]
     depth = ndimage.distance_transform_edt(solid)
     taken = solid & (field >= 0.0)
     places = np.argwhere(taken) - begin
@@ -64,7 +64,7 @@ def test_a_hollow_that_no_line_leaves_is_refused():
     # The ball sits in a closed box: lines that leave it meet the walls.
     field = np.minimum(ball_field(12.0, 61), np.abs(ball_field(28.0, 61)) - 1.5)
     with pytest.raises(FarmError, match="no straight way out"):
-        hollow(field, 4.0, 16.0, 4.0, downwards=True)
+        hollow(field, 4.0, 16.0, 4.0, 2.0, downwards=True)
 
 
 def rounded_cube(side, radius):
