@@ -46,7 +46,7 @@ from fractal_farm.solid.skeleton import (
 )
 from fractal_farm.solid.struts import HIDDEN, along, strut_ends
 from fractal_farm.solid.surface import Surface, surface_of
-from fractal_farm.solid.voxels import Grid, Skeleton, distance_field, grid_around
+from fractal_farm.solid.voxels import Grid, Skeleton, distance_field, grid_around, leave_zero
 
 _PITS = 0.5  # voxels: radius of a closing that fills pits which the grid cannot show, and reaches no farther out
 _ROOM = 2.0  # voxels beyond the radius of closing
@@ -177,6 +177,7 @@ def _made(
 
 
 def _one_body(field: npt.NDArray[np.float32], parameters: SolidParameters, name: str) -> BodyReport:
+    leave_zero(field)
     body = make_one_body(field)
     if body.share < _WHOLE:
         raise FarmError(

@@ -101,7 +101,7 @@ def distance_field(skeleton: Skeleton, grid: Grid, beyond: float = 0.0) -> npt.N
     smooth = ndimage.gaussian_filter(field, _SMOOTHING, truncate=2.5)
     field -= np.float32(max(_OUTWARD - _SAG - _LOSS / grid.radius, _FILLED))
     np.maximum(field, smooth, out=field)
-    _leave_zero(field)
+    leave_zero(field)
     return field
 
 
@@ -179,8 +179,8 @@ def _to_signed_distance(radius, field):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _leave_zero(field):  # type: ignore[no-untyped-def]
-    """What lies on the surface counts as inside."""
+def leave_zero(field):  # type: ignore[no-untyped-def]
+    """What lies on the surface counts as inside, in place: marching cubes would tear it where samples are exactly 0."""
     flat = field.reshape(-1)
     for k in range(len(flat)):
         if abs(flat[k]) < np.float32(1e-4):

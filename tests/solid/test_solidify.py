@@ -7,10 +7,12 @@ from scipy.spatial import cKDTree
 
 from fractal_farm.errors import FarmError, InputError
 from fractal_farm.ifs.gap import gap
-from fractal_farm.ifs.genome import Genome
+from fractal_farm.ifs.genome import Genome, as_genome
 from fractal_farm.ifs.random_iteration import system_of
 from fractal_farm.solid import solidify
 from fractal_farm.solid.certificate import certificate
+from fractal_farm.solid.parameters import SolidParameters
+from fractal_farm.solid.pipeline import make_solid
 from tests.ifs.attractors import (
     CANTOR_SQUARE,
     TETRAHEDRON,
@@ -124,3 +126,10 @@ def test_a_symmetric_solid_is_one_body_of_the_size_asked_for_and_moved_onto_itse
         # A pinhole of a voxel may be open in one copy and closed in another, which lies otherwise in the grid.
         assert np.quantile(away, 0.999) < 2.0
         assert away.max() < 4.0
+
+
+def test_lengths_that_are_whole_voxels_leave_no_sample_on_the_surface():
+    # Wall, closing and shell of 8, 3 and 10 voxels: distances from samples to samples are lengths like these.
+    mesh = make_solid(as_genome(TABLE1["06447"]), SolidParameters(30.0, 0.8, 300, closing_mm=0.3, shell_mm=1.0))
+    assert mesh.is_watertight
+    assert mesh.body_count == 1
