@@ -86,7 +86,8 @@ def jewellery(directory: Path, root: Path, scale: Scale) -> Facts:
     for jewel, metal in _METALS.items():
         taken = {piece["design_id"] for piece in pieces}
         row = min((row for row in found if row["design_id"] not in taken), key=lambda row: _unlike(row, jewel))
-        mesh = solidify(catalogue.genome(row["design_id"]), _PENDANT_MM, _WALL_MM, paper_resolution(jewel))
+        genome, wall = catalogue.genome(row["design_id"]), material(metal).wall
+        mesh = solidify(genome, _PENDANT_MM, wall, paper_resolution(jewel))
         _keep_solid(directory, jewel, mesh)
         views = turntable(mesh, _TILE, metal, 2 * _VIEWS)[:_VIEWS][::-1]  # rotated clockwise from left to right
         sheets += [(Image.fromarray(view), f"{jewel}, {metal}, view {k}") for k, view in enumerate(views, 1)]

@@ -157,7 +157,7 @@ def test_farm_paper_all_makes_everything(tmp_path, capsys, monkeypatch):
     results = json.loads(capsys.readouterr().out)
     assert set(FIGURES) <= set(results)
     assert results["fig5"]["ordered"]
-    assert results["fig5"]["confidence"] > 0.8  # of five experiments; ten give more
+    assert results["fig5"]["confidence"] > 0.5  # of five experiments; ten give more
     above = {row["name"] for row in results["sensitivity"]["rows"] if row["above"] == row["generations"]}
     assert above
     assert all(name.startswith("clipped") for name in above)  # with ten experiments "clipped" itself is among them
